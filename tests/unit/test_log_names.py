@@ -12,12 +12,20 @@ from typer.testing import CliRunner
 from haptid.cli import app
 from haptid.log.formats.sniff import channel_list
 from haptid.log.survey import survey
+from haptid.log.survey.draft import unrecognised
 from haptid.log.survey.names import element_of, quantity_of, time_unit, unit_apart
 
 T = np.arange(0.0, 4.0, 0.005)
 Q = np.sin(3.0 * T) + 0.3 * np.cos(7.0 * T)
 P = np.cos(4.0 * T) - 0.2 * np.sin(6.0 * T)
 TAU = Q + np.cos(5.0 * T)
+
+
+def test_velocities_alone_are_said_not_to_be_integrated(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "log.csv", np.column_stack((T, Q, TAU)), delimiter=",", header="t_meas,speed,u", comments="")
+    table = unrecognised(survey(tmp_path / "log.csv").topics)
+    assert "# speed: velocities, which are not integrated" in table
+    assert tomllib.loads(table)["channels"] == {"time": "t_meas", "time_unit": "s"}
 
 
 CART = """

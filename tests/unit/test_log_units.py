@@ -86,7 +86,7 @@ def test_a_draft_has_the_units_of_the_joints(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("unit", "factor"),
     [("mN", 1e-3), ("kN", 1e3), ("MN", 1e6), ("kNm", 1e3), ("mNm", 1e-3), ("MNm", 1e6), ("MN m", 1e6), ("MN·m", 1e6),
-     ("mnm", 1e-3), ("mn", 1e-3)],
+     ("mnm", 1e-3), ("mn", 1e-3), ("N.mm", 1e-3), ("Nmm", 1e-3), ("N-m", 1.0), ("mN-m", 1e-3)],
 )  # fmt: skip
 def test_multiples_of_forces_and_torques(unit: str, factor: float) -> None:
     quantity, name = known_unit(unit) or ("", "")

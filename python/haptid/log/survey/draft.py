@@ -105,6 +105,11 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
                 f"# {names}: of a point in space, which does not tell how the joints stand; record each joint's own "
                 "position, and its motor's torque, current or command"
             )
+        if rates := [c.name for c in topic.channels if c.usable and c.quantity == "velocity"]:
+            lines.append(
+                f"# {channel_list(rates)}: velocities, which are not integrated; save the positions that they are of, "
+                "or their running sum times the sampling period as a channel of positions"
+            )
         if left:
             prefix = f"{topic.name}." if topic.name else ""
             shown = ", ".join(basic_string(prefix + name) for name in left[:_LISTED])

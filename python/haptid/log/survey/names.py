@@ -220,7 +220,7 @@ def is_straight(words: frozenset[str]) -> bool:
 def is_time(name: str) -> bool:
     """Whether a name may be that of times; whether they grow is another matter."""
     words = [token.lower() for token in _TOKEN.findall(english(last_part(unit_apart(name)[0])))]
-    while len(words) > 1 and words[-1] in _TIME_UNIT and words[-1] not in _TIME:
+    while len(words) > 1 and words[-1] in {*_TIME_UNIT, "meas", "measured", "recorded"} - _TIME:
         words.pop()
     return (bool(words) and (words[-1] in _TIME or "timestamp" in words)) or name.endswith("@time")
 
