@@ -41,7 +41,7 @@ STAGES = {
     "advice": ("haptid.advice:advise",),
     "result.json": ("haptid.results.result:Result.of", "haptid.results.result:Result.write_into"),
     "report": ("haptid.report.report:report_of", "haptid.report.report:Report.write_into"),
-    "pictures": ("haptid.report.run:draw_torque", "haptid.validation.prediction:predictions"),
+    "pictures": ("haptid.report.run:draw_torque",),
 }
 COMMANDS = {
     "help": ("--help",),

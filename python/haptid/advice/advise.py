@@ -127,7 +127,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     for one in others:  # the rest keep their order
         listed.insert(sum(not action.motor and action.falls > one.falls for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    whole_sign = whole_reversed(found)
+    whole_sign = whole_reversed(found, part)
     if whole_sign is not None and whole_sign.kind == "mounting":  # nothing else can be judged with it
         return Advice((whole_sign,), whole_sign.before, whole_sign.after, (), len(search.candidates) + 1)
     first = [whole_sign] if whole_sign else [*_bodies(_reversed(search, base, negative), known)]

@@ -13,23 +13,33 @@ import numpy as np
 
 from haptid.advice.action import CHANGES, Action
 from haptid.advice.edits import Edit
-from haptid.estimation import estimate
-from haptid.observation import Observation, observe
+from haptid.estimation import Estimate, estimate
+from haptid.inference.diagnosis.subsample import log_name, row_ranges
+from haptid.observation.observation import Observation, concatenated, rows_by_motor
+from haptid.observation.plan import Plan
 from haptid.study.identify import Identification
 from haptid.validation.model_for_use import CLASH, CONSISTENT, FREE, ModelForUse, model_for_use
 
 
-def whole_reversed(found: Identification) -> Action | None:
+def whole_reversed(found: Identification, part: Estimate) -> Action | None:
     """The sign of all torques, or of gravity, with the consistent fit's held-out errors; None where neither is needed.
 
     It does where its error is twice that of the free fit or more, and falls to half of it or less. The sign of a
     single motor follows from its own inertia and friction, which cannot be negative.
+
+    Args:
+        found: a study carried out.
+        part: its estimate on the rows that advice is tried on: of a long log, all errors are of these rows.
     """
     now, free = clash(found.use)
-    own = found.estimate.observation
+    own = part.observation
     if len(own.motors) < 2 or not now:
         return None
     seen = [run.reference for run in found.runs if run.entry.role == "identify" and run.reference is not None]
+    if part is not found.estimate:
+        seen, (now, free) = [], clash(model_for_use(estimate(own, part.method, part.intervals)))
+        if not now:
+            return None
     blocks = sum(len(one.blocks) for one in seen) or len(own.blocks)
     labels = tuple(motor.label for motor in own.motors)
     change = CHANGES["torque sign"].format(where="every motor")
@@ -44,7 +54,7 @@ def whole_reversed(found: Identification) -> Action | None:
     ]
     made = []
     for kind, places, change, edits, changed in ways[: 1 + any(up)]:
-        fitted = estimate(changed(own), found.estimate.method, found.estimate.intervals)
+        fitted = estimate(changed(own), part.method, part.intervals)
         use = model_for_use(fitted, [changed(one) for one in seen])
         # Without candidates the free fit is consistent by itself, and its error is that of the log's.
         then = _error(use, CONSISTENT) if use.candidates else free
@@ -76,5 +86,10 @@ def _reversed(rows: Observation) -> Observation:
 
 
 def _upside_down(rows: Observation) -> Observation:
-    """The rows of the same motions under gravity of the opposite direction."""
-    return observe(rows.model.with_gravity([-x for x in rows.model.device.gravity]), *rows.motions)
+    """The same rows under gravity of the opposite direction."""
+    model, made = rows.model.with_gravity([-x for x in rows.model.device.gravity]), []
+    for motion in rows.motions:
+        plan, own = Plan.of(model, motion), tuple(b for b in rows.blocks if b.log == log_name(motion))
+        parts = [plan.reduce(start, stop) for start, stop in row_ranges(plan, own)]
+        made.append(Observation(model, rows_by_motor(plan, parts, model.measured_rows), own, (motion,)))
+    return concatenated(made)

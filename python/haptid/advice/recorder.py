@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.advice.grams import Grams
+from haptid.advice.rows import BaseRows, Column, excerpts, trial_rows
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.torque_faults import clipped
-from haptid.log import Log
+from haptid.log import Log, OnDisk
 from haptid.log.noise_alone import noise_alone
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat
@@ -23,11 +25,15 @@ from haptid.observation.augmented import torque_of
 DEAD = 0.3
 # and coarse with fewer values than this.
 _COARSE = 64
+# Samples of a channel that show whether it can be.
+_SOME = 4096
 # Share of the log in which a clipped torque spoils the fit.
 CLIPPED = 0.002
 # A position is stuck while it stays where the motion around it would have moved it by this many of its own steps, or
 # this share of its range.
 STUCK_STEPS, STUCK = 12.0, 0.01
+# Steps in a row without a change from which on it may be.
+_STILL = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,34 +58,43 @@ class ChannelFault:
 
 def faults(log: Log) -> Iterator[ChannelFault]:
     """Faults of a log's channels."""
-    torque, position = np.asarray(log.torque), np.asarray(log.position)
     noise = noise_alone(log)
-    for k in range(torque.shape[1]):
+    for k, tau in enumerate(log.torque.T):  # of a log on disk one at a time
         if noise[k]:
-            yield ChannelFault("noise alone", k, np.ones(len(torque), dtype=bool), 1.0, float(torque[:, k].std()))
+            yield ChannelFault("noise alone", k, np.ones(len(tau), dtype=bool), 1.0, float(tau.std()))
         else:
-            yield from _torque_faults(torque[:, k], k)
-    for k in range(position.shape[1]):
-        x = position[:, k]
+            yield from _torque_faults(tau, k)
+    for k, x in enumerate(log.position.T):
         stuck = _stuck(x)
         if stuck.any():
             yield ChannelFault("stuck position", k, stuck, float(stuck.mean()), float(x[np.argmax(stuck)]))
 
 
 def _torque_faults(tau: Array, k: int) -> Iterator[ChannelFault]:
-    values, count = np.unique(tau, return_counts=True)
-    if len(values) < 2:
+    low, high = float(tau.min()), float(tau.max())
+    if low == high:
         return
-    most = int(np.argmax(count))
-    share = float(count[most]) / len(tau)
-    if share > DEAD and 0 < most < len(values) - 1:
-        yield ChannelFault("dead torque", k, np.ones(len(tau), dtype=bool), share, float(values[most]))
+    value, share = _most_frequent(tau)
+    if share > DEAD and low < value < high:
+        yield ChannelFault("dead torque", k, np.ones(len(tau), dtype=bool), share, value)
         return
     at_limit = clipped(tau)
     if at_limit.mean() > CLIPPED:
-        yield ChannelFault("clipped torque", k, at_limit, float(at_limit.mean()), float(np.abs(values[[0, -1]]).max()))
-    if len(values) <= _COARSE:
+        yield ChannelFault("clipped torque", k, at_limit, float(at_limit.mean()), max(abs(low), abs(high)))
+    if len(np.unique(tau[:_SOME])) <= _COARSE and len(values := np.unique(tau)) <= _COARSE:
         yield ChannelFault("coarse torque", k, np.ones(len(tau), dtype=bool), 1.0, float(np.diff(values).min()))
+
+
+def _most_frequent(tau: Array) -> tuple[float, float]:
+    """The most frequent value of a torque and its share; of those with a share below DEAD any.
+
+    A value with more than that share of the samples is at one of the quantiles so far apart, once they are in order.
+    """
+    places = np.arange(0, len(tau), max(int(DEAD * len(tau)), 1))
+    candidates = np.unique(np.partition(tau, places)[places])
+    counts = [np.count_nonzero(tau == value) for value in candidates]
+    most = int(np.argmax(counts))
+    return float(candidates[most]), counts[most] / len(tau)
 
 
 def _stuck(x: Array) -> np.ndarray:
@@ -90,16 +105,33 @@ def _stuck(x: Array) -> np.ndarray:
     step = float(steps[steps > 0].min()) if (steps > 0).any() else 0.0
     least = max(STUCK_STEPS * step, STUCK * float(np.ptp(x)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]]))).reshape(-1, 2)
-    for start, stop in edges:
+    for start, stop in edges[np.diff(edges)[:, 0] >= _STILL].tolist():
         n = stop - start
-        if n < 5:
-            continue
         after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
         jump = abs(x[min(stop + 1, len(x) - 1)] - x[start])
         # The motion on both sides extends through the range, or the position jumps at its end.
         if (before * after > 0 and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
             made[start : stop + 1] = True
     return made
+
+
+def simulated_rows(
+    rows: BaseRows, motions: Sequence[Motion], beta: Array, columns: Sequence[Column], blocks: int
+) -> Grams | None:
+    """Gram matrices of the same rows of logs made by the model, as one block; None where there are no such logs.
+
+    Of logs on disk the samples under the rows are simulated, and no others.
+    """
+    model, on_disk = rows.model, any(isinstance(motion.q, OnDisk) for motion in motions)
+    try:
+        there = list(excerpts(rows)) if on_disk else motions
+        logs = [log for motion in there if (log := simulated_log(model, motion, beta)) is not None]
+        if len(logs) < len(there):
+            return None
+        made = trial_rows(model, logs, beta, columns, there)
+    except HaptidError:
+        return None
+    return made.whole.grams() if on_disk or made.blocks == blocks else None
 
 
 def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | None:

@@ -6,7 +6,7 @@ that all of them are solved from the same Gram matrices, and the log is passed t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,9 +16,9 @@ from haptid._internal.arrays import Array
 from haptid.advice.grams import Grams
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.inference.diagnosis.subsample import MOST_SAMPLES, evenly_spaced, row_ranges
+from haptid.inference.diagnosis.subsample import evenly_spaced, row_ranges
 from haptid.motion.channels import coordinate_torque
-from haptid.motion.motion import Motion
+from haptid.motion.motion import Motion, treat
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.filtering import treated_columns
 from haptid.observation.plan import Plan
@@ -124,7 +124,7 @@ def trial_rows(
     beta: Array,
     columns: Sequence[Column] = (),
     like: Sequence[Motion] | None = None,
-    most: int = MOST_SAMPLES,
+    most: int | None = None,
 ) -> TrialRows:
     """The rows of motions with candidate columns; of long logs, those of blocks spread evenly over them.
 
@@ -133,7 +133,7 @@ def trial_rows(
         beta: base parameters from which the candidates' signals are computed, (p,), SI.
         columns: candidates.
         like: motions whose rows are used, where these are simulated copies of them.
-        most: samples in these blocks.
+        most: samples in these blocks, as of `evenly_spaced`.
     """
     return BaseRows.of(model, motions, like, most).with_columns(beta, columns)
 
@@ -160,7 +160,7 @@ class BaseRows:
         model: DynamicModel,
         motions: Sequence[Motion],
         like: Sequence[Motion] | None = None,
-        most: int = MOST_SAMPLES,
+        most: int | None = None,
     ) -> BaseRows:
         """As `trial_rows` has them."""
         own, chunks, block, log, before = model.measured_rows, [], [], [], 0
@@ -169,7 +169,8 @@ class BaseRows:
             for motion, there in zip(motions, like or motions, strict=True)
         ]
         every = [wanted.blocks() for _, wanted in plans]
-        kept = evenly_spaced(sum(map(len, every)), sum(map(len, motions)), most)
+        seconds = sum(block.stop - block.start for own in every for block in own)
+        kept = evenly_spaced(sum(map(len, every)), round(seconds / motions[0].dt), most)
         for k, (plan, wanted) in enumerate(plans):
             here = kept[(kept >= before) & (kept < before + len(every[k]))] - before
             for start, stop in row_ranges(wanted, [every[k][b] for b in here]):
@@ -184,15 +185,36 @@ class BaseRows:
     def with_columns(self, beta: Array, columns: Sequence[Column] = ()) -> TrialRows:
         """With candidates, whose signals are computed from base parameters, (p,)."""
         chi = raw_parameters(self.model, beta)
-        W = np.concatenate([_wide(chunk, own, columns, chi) for chunk, own in zip(self.chunks, self.W, strict=True)], 2)
+        groups = _groups(self.model, self.chunks[0].plan.motion, chi, columns)
+        rows, width = sum(map(len, self.block)), 1 + groups[-1][-1] if groups else len(self.model.base)
+        # Filled chunk by chunk: of a long log it takes more memory than all else.
+        W, start = np.empty((len(self.W[0]), rows, width)), 0
+        for chunk, own in zip(self.chunks, self.W, strict=True):
+            W[:, start : start + own.shape[2]] = _wide(chunk, own, columns, chi).swapaxes(1, 2)
+            start += own.shape[2]
         there_are, number = np.unique(np.concatenate(self.block), return_inverse=True)
         merged = -(-len(there_are) // _MOST_BLOCKS)
         parts = [(chunk.measured(), chunk.used, chunk.t, *_state(chunk)) for chunk in self.chunks]
         y, used, t, c, cd, sample = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-        groups = _groups(self.model, self.chunks[0].plan.motion, chi, columns)
-        W = np.ascontiguousarray(W.swapaxes(1, 2))
         of = tuple((int(log[0]), chunk) for log, chunk in zip(self.log, self.chunks, strict=True))
         return TrialRows(W, y, used, number // merged, t, groups, c, cd, sample, np.concatenate(self.log), of)
+
+
+def excerpts(rows: BaseRows) -> Iterator[Motion]:
+    """The samples under the rows of each motion in memory, treated alike; there are gaps between its parts."""
+    by_log: dict[int, list[Chunk]] = {}
+    for chunk, log in zip(rows.chunks, rows.log, strict=True):
+        by_log.setdefault(int(log[0]), []).append(chunk)
+    for chunks in by_log.values():
+        motion, ranges = chunks[0].plan.motion, list[tuple[int, int]]()
+        assert motion.log is not None
+        ends = max(motion.usable[0], len(motion) - motion.usable[1])  # that the filters take from each part
+        for low, high in (chunk.plan.window(chunk.start, chunk.stop) for chunk in chunks):
+            low, high = max(low - ends, 0), min(high + ends, len(motion))
+            if ranges and low <= ranges[-1][1]:
+                low = ranges.pop()[0]
+            ranges.append((low, high))
+        yield treat(motion.log.excerpt(ranges), motion.treatment)
 
 
 def _wide(chunk: Chunk, own: Array, columns: Sequence[Column], chi: Array) -> Array:

@@ -14,9 +14,8 @@ from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.contact import contact
-from haptid.advice.grams import Grams
-from haptid.advice.recorder import ChannelFault, faults, simulated_log
-from haptid.advice.rows import BaseRows, Column, TrialRows, trial_rows
+from haptid.advice.recorder import ChannelFault, faults, simulated_rows
+from haptid.advice.rows import BaseRows, TrialRows, trial_rows
 from haptid.advice.spoiled import SpoiledPart
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
@@ -158,7 +157,7 @@ def search_of(
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions))
     if columns:
-        bench = replace(bench, artefact=cache(lambda: _simulated(model, motions, beta, added, whole.blocks)))
+        bench = replace(bench, artefact=cache(lambda: simulated_rows(base, motions, beta, added, whole.blocks)))
     made, at = [], 0
     for source, what in [(s, None) for s in sources] + [(s, g) for g, s in lengths]:
         own = whole.groups[at : at + len(source.alternatives)]
@@ -176,20 +175,6 @@ def search_of(
                 TriedChange("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j))
             )
     return Trials(model, motions, beta, whole, bench, tuple(made), found)
-
-
-def _simulated(
-    model: DynamicModel, motions: Sequence[Motion], beta: Array, columns: Sequence[Column], blocks: int
-) -> Grams | None:
-    """Gram matrices of the same rows of logs made by the model, as one block; None where there are no such logs."""
-    logs = [log for motion in motions if (log := simulated_log(model, motion, beta)) is not None]
-    if len(logs) < len(motions):
-        return None
-    try:
-        there = trial_rows(model, logs, beta, columns, motions)
-    except HaptidError:
-        return None
-    return there.whole.grams() if there.blocks == blocks else None
 
 
 def _sources(

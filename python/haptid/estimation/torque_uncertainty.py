@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.estimation.torque_shares import carrying
-from haptid.motion.channels import state
+from haptid.motion.channels import position_map
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 
@@ -91,14 +91,28 @@ def _states(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Arra
     """Positions, velocities and accelerations of the coordinates at times spread over the motions, (rows, states)."""
     states = []
     for motion in motions:
-        low, high = motion.usable
         count = max(1, _STATES * _EVERY // _WINDOW // len(motions))
-        for start in np.linspace(low, max(high - _WINDOW, low), count).astype(int):
-            c, cd = state(model.device, motion, int(start), min(int(start) + _WINDOW, high))
+        change = position_map(model.device, motion)
+        for c, cd in (map(change, window) for window in _windows(motion, count)):
             cdd = np.gradient(cd, motion.dt, axis=1) if cd.shape[1] > 1 else np.zeros_like(cd)
             states.append([x[:, ::_EVERY] for x in (c, cd, cdd)])
     c, cd, cdd = (np.concatenate(own, axis=1) for own in zip(*states, strict=True))
     return c, cd, cdd
+
+
+# Positions and velocities of the channels in some windows of a motion, by their number: every estimate is judged, and
+# windows spread over a long log take long to read.
+_WINDOWS: WeakKeyDictionary[Motion, dict[int, tuple[tuple[Array, Array], ...]]] = WeakKeyDictionary()
+
+
+def _windows(motion: Motion, count: int) -> tuple[tuple[Array, Array], ...]:
+    """Those of so many windows, evenly spread, each (channels, samples)."""
+    kept = _WINDOWS.setdefault(motion, {})
+    if count not in kept:
+        low, high = motion.usable
+        starts = np.linspace(low, max(high - _WINDOW, low), count).astype(int).tolist()
+        kept[count] = tuple(motion.state(start, min(start + _WINDOW, high)) for start in starts)
+    return kept[count]
 
 
 def _mixed(c: Array, cd: Array, cdd: Array) -> tuple[Array, Array, Array]:

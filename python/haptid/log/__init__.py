@@ -4,7 +4,7 @@ May not use any device: `check_against` takes joint limits as numbers.
 """
 
 from haptid.log.formats.folders import log_size
-from haptid.log.lazy import OnDisk, as_array
+from haptid.log.lazy import OnDisk, PartlyInMemory, as_array
 from haptid.log.limit_checks import check_against
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.read import is_long, open_log, read_log
@@ -16,6 +16,7 @@ __all__ = [
     "Log",
     "Merge",
     "OnDisk",
+    "PartlyInMemory",
     "Signal",
     "TimeBaseReport",
     "as_array",

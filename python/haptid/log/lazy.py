@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -104,6 +105,39 @@ class OnDisk(ABC):
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Any:
         """All samples, (n, channels)."""
         return np.asarray(self.between(0, len(self)).T, dtype=dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class PartlyInMemory(OnDisk):
+    """Channels on disk of which some ranges of samples are kept in memory, each from the first slice within it on.
+
+    Attributes:
+        samples: all of them.
+        ranges: first sample and one past the last of each, increasing.
+    """
+
+    samples: OnDisk
+    ranges: tuple[tuple[int, int], ...]
+    _kept: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.samples.shape
+
+    def make(self, low: int, high: int) -> Array:
+        return self.samples.make(low, high)
+
+    def between(self, low: int, high: int) -> Array:
+        k = bisect_right(self.ranges, low, key=lambda one: one[0]) - 1
+        if k < 0 or high > self.ranges[k][1]:
+            return self.samples.between(low, high)
+        start, stop = self.ranges[k]
+        if k not in self._kept:
+            self._kept[k] = freeze(self.samples.between(start, stop))
+        return self._kept[k][:, low - start : high - start]
+
+    def channel(self, k: int) -> Array:
+        return self.samples.channel(k)
 
 
 def as_array(samples: OnDisk) -> Array:

@@ -307,6 +307,18 @@ class Log:
             segments=tuple((a, b) for a, b in clipped if b - a >= 2),
         )
 
+    def excerpt(self, ranges: Sequence[tuple[int, int]]) -> Log:
+        """Some ranges of samples, first and one past the last of each, in memory; each is a part by itself."""
+        parts = [self.between(start, stop) for start, stop in ranges]
+        offsets = np.cumsum([0, *(part.t.size for part in parts)]).tolist()
+        return replace(
+            self,
+            t=np.concatenate([part.t for part in parts]),
+            position=np.concatenate([part.position for part in parts]),
+            torque=np.concatenate([part.torque for part in parts]),
+            segments=tuple((a + k, b + k) for k, part in zip(offsets, parts, strict=False) for a, b in part.segments),
+        )
+
     def without(self, ranges: Sequence[tuple[float, float]]) -> Log:
         """The log without these parts, s; it is split there, so that nothing is filtered across them.
 

@@ -8,13 +8,11 @@ from pathlib import Path
 from haptid._internal.atomic_folder import check_writable, publishing
 from haptid.executors import Executor
 from haptid.observation.cache import RFactorCache
-from haptid.observation.plan import Plan
 from haptid.report.source import ReportSource
 from haptid.report.torque_picture import draw_torque
 from haptid.results.result import Result
 from haptid.study import Study
 from haptid.study.identify import Run, identify
-from haptid.validation.prediction import predictions
 
 # Logs whose torque is drawn into a file of its own, at most; the report shows all of them.
 _MOST_PICTURES = 12
@@ -74,8 +72,8 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
         progress(f"drawing {name}", 0.0)
         kind = "rows of the fit" if run.fit_errors else "unseen"
         title = f"{identification.study.name}: {run.entry.path} ({kind})"
-        predicted = predictions(identification.use.estimate, run.motion)
-        draw_torque(predicted, Plan.of(identification.model, run.motion).rows, title, folder / name)
+        track = source.tracks[k]
+        draw_torque([track.prediction], track.rows, title, folder / name)
         progress(f"drawing {name}", 1.0)
     return result
 

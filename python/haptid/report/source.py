@@ -16,6 +16,7 @@ from haptid.observation.plan import Plan
 from haptid.observation.rows import chunks, gathered
 from haptid.study.identify import Identification, Run
 from haptid.uncertainty.figures import per_cent
+from haptid.validation.prediction import Prediction
 from haptid.validation.validation import Validation
 
 # A quarter of all imports, which numbers without a report do not need: each is loaded where it is called.
@@ -39,7 +40,8 @@ class Track:
     Attributes:
         name: of the log.
         seen: whether the fit used these rows.
-        t0, step: of the rows, s.
+        t: of the rows, (rows,), s.
+        step: between rows, s.
         labels, units: of the motors, (motors,).
         measured, predicted: torque, (motors, rows), N m or N.
         used: whether a row is used, (motors, rows).
@@ -50,7 +52,7 @@ class Track:
 
     name: str
     seen: bool
-    t0: float
+    t: Array
     step: float
     labels: tuple[str, ...]
     units: tuple[str, ...]
@@ -64,7 +66,17 @@ class Track:
 
     def __post_init__(self) -> None:
         shape = (len(self.labels), self.used.shape[1])
-        freeze_fields(self, "trail", measured=shape, predicted=shape, position=shape, velocity=shape)
+        freeze_fields(self, "trail", t=shape[1:], measured=shape, predicted=shape, position=shape, velocity=shape)
+
+    @property
+    def t0(self) -> float:
+        """Time of the first row, s."""
+        return float(self.t[0])
+
+    @property
+    def prediction(self) -> Prediction:
+        """The torques alone."""
+        return Prediction(self.labels, self.units, self.t, self.measured, self.predicted, self.used)
 
     @property
     def motors_used(self) -> list[int]:
@@ -198,7 +210,7 @@ def track(estimate: Estimate, run: Run) -> Track:
     return Track(
         name=run.entry.path,
         seen=run.fit_errors is not None,
-        t0=float(t[0]),
+        t=t,
         step=motion.treatment.decimation * motion.dt,
         labels=tuple(model.device.row_labels[k] for k in rows),
         units=tuple(model.device.torque_units[k] for k in rows),

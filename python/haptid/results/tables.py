@@ -22,6 +22,7 @@ from haptid.estimation import (
 from haptid.estimation.intervals.model_based import Sandwich, burg, runs_of
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.diagnosis.residuals import residuals
+from haptid.inference.diagnosis.subsample import subsample
 from haptid.inference.targets import targets
 from haptid.motion.filters import SHAPES, Causal, HighPass, KaiserSmoother
 from haptid.motion.treatment import Treatment
@@ -97,8 +98,11 @@ def treatment_of(settings: Mapping[str, Any]) -> Treatment:
 
 
 def residual_tables(estimate: Estimate) -> Iterator[ResidualTable]:
-    """Autoregressive models of the residuals; variances are corrected for the degrees of freedom of the fit."""
-    for motor, e in zip(estimate.observation.motors, residuals(estimate).e, strict=True):
+    """Autoregressive models of the residuals; variances are corrected for the degrees of freedom of the fit.
+
+    Of a long log they are those of the diagnosis's subsample.
+    """
+    for motor, e in zip(estimate.observation.motors, residuals(subsample(estimate)).e, strict=True):
         runs = [e[run] for run in runs_of(np.isfinite(e))]
         rows = sum(map(len, runs))
         if rows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import fft
@@ -77,8 +78,19 @@ class Residuals:
         return np.asarray(np.isfinite(self.e[motor]))
 
 
+# Of each estimate: the diagnosis and the results ask for the same.
+_RESIDUALS: WeakKeyDictionary[Estimate, Residuals] = WeakKeyDictionary()
+
+
 def residuals(estimate: Estimate) -> Residuals:
     """Residuals of all blocks of an estimate, one after the other."""
+    if estimate not in _RESIDUALS:
+        _RESIDUALS[estimate] = _residuals(estimate)
+    return _RESIDUALS[estimate]
+
+
+def _residuals(estimate: Estimate) -> Residuals:
+    """The same, computed."""
     motions = estimate.observation.motions
     parts = list(zip(*(part for motion in motions for part in _of(estimate, motion)), strict=True))
     # Each takes much memory of a long log: parts are given up as they are joined, and no array is copied again.

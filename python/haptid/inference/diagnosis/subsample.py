@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
+from haptid.log import OnDisk, PartlyInMemory, as_array
 from haptid.motion.motion import Motion
 from haptid.observation.plan import Block, Plan
 
@@ -22,29 +25,58 @@ RANGES = 20
 # A range begins at this fraction, times its number, of the room that it has (the golden ratio): evenly spread, but not
 # synchronous with a periodic motion.
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+# Samples beyond those under a range's rows that are kept in memory with them, s: torques are shifted by less.
+_AROUND = 0.5
+# The subsample of each estimate, and its blocks: diagnosis, comparisons and advice take the same one.
+_TAKEN: WeakKeyDictionary[Estimate, tuple[np.ndarray, Estimate]] = WeakKeyDictionary()
 
 
 def subsample(estimate: Estimate) -> Estimate:
-    """The same estimate with the blocks of the subsample only, and their motions; itself if the log is short."""
+    """The same estimate with the blocks of the subsample only, and their motions; itself if the log is short.
+
+    Samples under these blocks stay in memory once they were read.
+    """
     observation = estimate.observation
-    indices = evenly_spaced(len(observation.blocks), samples(estimate))
+    indices = evenly_spaced(len(observation.blocks), samples_in(observation.blocks, observation.motions[0].dt))
     if len(indices) == len(observation.blocks):
         return estimate
-    some = observation.pick(indices)
-    names = {block.log for block in some.blocks}
-    motions = tuple(motion for motion in observation.motions if log_name(motion) in names)
-    return replace(estimate, observation=replace(some, motions=motions))
+    known, part = _TAKEN.get(estimate, (None, estimate))
+    if known is None or not np.array_equal(known, indices):
+        some = observation.pick(indices)
+        names = {block.log for block in some.blocks}
+        used = (motion for motion in observation.motions if log_name(motion) in names)
+        motions = tuple(_held(observation.model, motion, some.blocks) for motion in used)
+        part = replace(estimate, observation=replace(some, motions=motions))
+        _TAKEN[estimate] = indices, part
+    return part
 
 
-def evenly_spaced(blocks: int, samples: int, most: int = MOST_SAMPLES) -> np.ndarray:
+def _held(model: DynamicModel, motion: Motion, wanted: Sequence[Block]) -> Motion:
+    """A motion on disk with the samples under some blocks kept in memory; one in memory as it is."""
+    if not isinstance(motion.q, OnDisk):
+        return motion
+    plan = Plan.of(model, motion)
+    margin = round((_AROUND + np.max(motion.treatment.rest_s)) / motion.dt) + max(plan.guard)
+    ranges: list[tuple[int, int]] = []
+    for rows in row_ranges(plan, wanted):
+        low, high = plan.window(*rows)
+        low, high = max(low - margin, 0), min(high + margin, len(motion))
+        if ranges and low <= ranges[-1][1]:
+            low = ranges.pop()[0]
+        ranges.append((low, high))
+    q, tau = (as_array(PartlyInMemory(samples, tuple(ranges))) for samples in (motion.q, motion.tau))
+    return replace(motion, q=q, tau=tau)
+
+
+def evenly_spaced(blocks: int, samples: int, most: int | None = None) -> np.ndarray:
     """Indices of the blocks of the subsample, increasing.
 
     Args:
         blocks: of the whole log.
         samples: in these blocks.
-        most: samples of the subsample.
+        most: samples of the subsample; `MOST_SAMPLES` where None.
     """
-    wanted = max(most * blocks // max(samples, 1), FEWEST_BLOCKS)
+    wanted = max((MOST_SAMPLES if most is None else most) * blocks // max(samples, 1), FEWEST_BLOCKS)
     if wanted >= blocks:
         return np.arange(blocks)
     length = -(-wanted // RANGES)
@@ -55,10 +87,13 @@ def evenly_spaced(blocks: int, samples: int, most: int = MOST_SAMPLES) -> np.nda
     return np.asarray((starts[:, None] + np.arange(length)).ravel())
 
 
-def samples(estimate: Estimate) -> int:
-    """Samples in all blocks."""
-    observation = estimate.observation
-    return round(sum(block.stop - block.start for block in observation.blocks) / observation.motions[0].dt)
+def samples_in(blocks: Sequence[Block], dt: float) -> int:
+    """Samples in some blocks.
+
+    Args:
+        dt: step between samples, s.
+    """
+    return round(sum(block.stop - block.start for block in blocks) / dt)
 
 
 def log_name(motion: Motion) -> str:
@@ -86,8 +121,9 @@ def block_numbers(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, in
 
 def sentence(full: Estimate, part: Estimate) -> str:
     """The size of the subsample, in words."""
+    of_part, of_all = (samples_in(one.observation.blocks, one.observation.motions[0].dt) for one in (part, full))
     return (
         f"The log is long: tests of the residual use {len(part.observation.blocks)} of "
-        f"{len(full.observation.blocks)} blocks, {samples(part)} of {samples(full)} samples, spread evenly; "
+        f"{len(full.observation.blocks)} blocks, {of_part} of {of_all} samples, spread evenly; "
         f"excitation, influence and drift use all of it."
     )

@@ -33,8 +33,9 @@ def torque_faults(estimate: Estimate) -> Finding:
     """Clipped and chattering torque channels of the logs of an estimate."""
     faults, figures, grades = list[str](), dict[str, float](), list[Status]()
     logs = [(motion, motion.log) for motion in estimate.observation.motions if motion.log is not None]
+    every = [np.asarray(log.torque[:_ENOUGH]).T for _, log in logs]
     for k, label in enumerate(logs[0][1].channels.torque.channels if logs else ()):
-        torques = [np.asarray(log.torque[:_ENOUGH])[:, k] for _, log in logs]
+        torques = [channels[k] for channels in every]
         shares = [(clipped(tau).mean(), chatter(tau, m)) for tau, (m, _) in zip(torques, logs, strict=True)]
         at_limit, flips = (float(share) for share in np.max(shares, axis=0))
         figures |= {f"clipped {label}": at_limit, f"chatter {label}": flips}
@@ -57,12 +58,12 @@ def torque_faults(estimate: Estimate) -> Finding:
 
 def clipped(tau: Array) -> np.ndarray:
     """Samples in which a torque, (n,), stays at its extreme; none where values next to it are about as frequent."""
-    values, count = np.unique(tau, return_counts=True)
-    at_limit = np.zeros(len(tau), dtype=bool)
-    if len(values) <= CLIPPED_RUN:
+    at_limit = runs(tau == tau.min(), CLIPPED_RUN) | runs(tau == tau.max(), CLIPPED_RUN)
+    if not at_limit.any():  # as of most channels; to count all values takes longer
         return at_limit
-    for extreme in (values[0], values[-1]):
-        at_limit |= runs(tau == extreme, CLIPPED_RUN)
+    values, count = np.unique(tau, return_counts=True)
+    if len(values) <= CLIPPED_RUN:
+        return np.zeros_like(at_limit)
     return at_limit if at_limit.sum() > _RARER * (count[1] + count[-2]) else np.zeros_like(at_limit)
 
 
@@ -84,7 +85,6 @@ def runs(true: np.ndarray, least: int) -> np.ndarray:
     """Samples within runs of True of at least `least`."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
     in_run = np.zeros(len(true), dtype=bool)
-    for start, stop in edges:
-        if stop - start >= least:
-            in_run[start:stop] = True
+    for start, stop in edges[np.diff(edges)[:, 0] >= least]:
+        in_run[start:stop] = True
     return in_run

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -100,11 +100,20 @@ def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawCh
 def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[RawChannel]:
     """Columns of one row group; the file's modification time, ns, is part of the cache key."""
     with opened_file(path, _KIND), _opened(path) as file:
-        channels = _channels(file)
-        places = [channels[name] for name in wanted]
-        table = file.read_row_group(k, columns=list(dict.fromkeys(p.column for p in places)), use_threads=False)
-    found = [_taken(table[place.column].combine_chunks(), place) for place in places]
-    return [numbers(column) for column in found]
+        channels, count = _channels(file), file.metadata.row_group(k).num_rows
+        found: dict[str, RawChannel] = {}
+        for names in _by_column(wanted, channels).values():
+            rooms = [np.empty(count) for _ in names]
+            found.update(zip(names, _read(file, [channels[name] for name in names], rooms, [k]), strict=True))
+    return [found[name] for name in wanted]
+
+
+def _by_column(wanted: Iterable[str], channels: Mapping[str, _Place]) -> dict[str, list[str]]:
+    """The wanted channels of each column."""
+    columns: dict[str, list[str]] = {}
+    for name in dict.fromkeys(wanted):
+        columns.setdefault(channels[name].column, []).append(name)
+    return columns
 
 
 @dataclass(frozen=True)
@@ -192,15 +201,13 @@ def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> It
     for name in wanted:
         if name in schema.names and name not in channels:
             raise not_numeric(path, name, str(schema.field(schema.names.index(name)).type))
-    columns: dict[str, list[str]] = {}
     for name in there:
         place = channels[name]
         if schema.names.count(place.column) > 1:
             raise repeated_name(path, place.column)
         budget.take(f"column {name!r}", 8 * count)
-        columns.setdefault(place.column, []).append(name)
     room = np.empty((len(there), count)) if there else np.empty((0, 0))
-    for inner in columns.values():
+    for inner in _by_column(there, channels).values():
         rooms = [room[there.index(name)] for name in inner]
         yield from zip(inner, _read(file, [channels[name] for name in inner], rooms), strict=True)
 
@@ -214,12 +221,18 @@ def _numeric(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_timestamp(kind))
 
 
-def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[Array]) -> list[RawChannel]:
-    """Channels of one column, (n,) each, in their rooms; integers stay integers unless one of them is null."""
+def _read(
+    file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[Array], groups: list[int] | None = None
+) -> list[RawChannel]:
+    """Channels of one column, (n,) each, in their rooms; integers stay integers unless one of them is null.
+
+    Batches of all row groups, or of some, are copied one by one: Arrow's own copy of a whole group takes as much again.
+    """
     whole = [types.is_integer(place.kind) or types.is_timestamp(place.kind) for place in places]
     out: list[RawChannel] = [np.empty(r.size, np.int64) if w else r for r, w in zip(rooms, whole, strict=True)]
     row = 0
-    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[places[0].column], use_threads=False):
+    settings = {"batch_size": BATCH_ROWS, "columns": [places[0].column], "use_threads": False, "row_groups": groups}
+    for batch in file.iter_batches(**settings):
         for k, place in enumerate(places):
             values = _taken(batch.column(0), place)
             if values.null_count and out[k].dtype != np.float64:
