@@ -205,9 +205,11 @@ def test_joints_that_move_in_step_are_all_drafted(tmp_path: Path) -> None:
     assert "is it input[1..6]?" in table
 
 
-def test_planned_positions_in_the_array_of_the_measured_ones_are_no_joints() -> None:
+@pytest.mark.parametrize("unit", [1.0, 180 / np.pi], ids=("alike", "measured in degrees"))
+def test_planned_positions_in_the_array_of_the_measured_ones_are_no_joints(unit: float) -> None:
     made = signals()
-    state = np.column_stack((made["q"], made["plan"], made["qd"], np.gradient(made["plan"], DT, axis=0)))
+    q, qd = unit * made["q"], unit * made["qd"]
+    state = np.column_stack((q, made["plan"], qd, np.gradient(made["plan"], DT, axis=0)))
     columns = {f"state[{k}]": state[:, k] for k in range(4 * JOINTS)}
     columns |= {f"u[{k}]": made["tau"][:, k] for k in range(JOINTS)}
     found = Content.of({"t": DT * np.arange(len(state)), **columns})

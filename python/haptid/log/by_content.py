@@ -28,6 +28,8 @@ _LAG = 20
 _EQUAL = 0.01
 # Share by which the sizes of two copies differ at most.
 _SIZE = 0.1
+# Units of one copy in that of another.
+_OF_ANGLES = (1.0, np.pi / 180, 180 / np.pi)
 # Greatest share by which the steps of a column of times differ, in the median.
 _REGULAR = 0.5
 # Rows of a recording in a table of several, in the mean at least.
@@ -187,6 +189,8 @@ def _second_rates(at: dict[int, int], heads: list[int], size: int) -> set[int]:
 def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int]) -> list[int]:
     """Positions without planned copies of their size, which are smoother; the first ones where none is rougher.
 
+    A copy may be in the other unit of angles.
+
     Args:
         own: rates of positions in one array: those with different rates, of which none is rougher, move in step.
     """
@@ -196,7 +200,8 @@ def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int
     gone: set[int] = set()
     for a in range(len(heads)):
         for b in range(a + 1, len(heads)):
-            alike = z[a] @ z[b] > _COPY and abs(size[a] - size[b]) < _SIZE * size[a]
+            same = any(abs(size[a] * unit - size[b]) < _SIZE * size[b] for unit in _OF_ANGLES)
+            alike = z[a] @ z[b] > _COPY and same
             if own and own.get(heads[a]) != own.get(heads[b]):
                 alike = alike and max(rough[a], rough[b]) > _ROUGHER * min(rough[a], rough[b])
             if a not in gone and b not in gone and alike:

@@ -91,9 +91,10 @@ _VOLTS = re.compile(r"(?<![A-Za-z])V(?=_?(?:motor|mot|m|in|arm|cmd|act)(?![a-z])
 _PRESENT = re.compile(
     r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state|pose|orient))", re.I
 )
-# Rates in names of positions: `D_Theta`, `dTheta`, `theta_dot`; `q_d` is what is desired.
+# Rates in names of positions: `D_Theta`, `dTheta`, `theta_dot`, `dataDotQ`, `ddotq`; `q_d` is what is desired.
 _RATE = re.compile(
     r"(?i:^d(?P<second>d)?_)|^d(?P<capital>d)?(?=[A-Z]|theta|phi|pos|angle|th\d*$)|(?i:(?P<dot>d)?dot(?=[^a-z]|$))"
+    r"|(?<![A-Z])(?P<camel>D)?Dot(?=[A-Z])|(?i:(?<![a-z])(?P<small>d)?dot(?=q(?![a-z])))"
 )
 # Errors of a controller: `e_q1`, `e_vel`; `E_pos` is of an axis too.
 _ERROR = re.compile(r"e_(?=[A-Za-z])")
