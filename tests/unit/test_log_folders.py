@@ -71,6 +71,21 @@ def test_files_that_begin_with_times_are_joined_by_them(tmp_path: Path) -> None:
     assert kind.names(tmp_path) == ["pos[1]", "pos[2]", "tau[1]", "tau[2]", "tau[3]"]
 
 
+def test_files_of_another_clock_or_without_times_are_left_out(tmp_path: Path) -> None:
+    """An accelerometer that counts ms from its own start, and the time of the start as a number: they took the times of
+    all others for a joint."""
+    for name, array in (("log_q", Q), ("log_qd", QD), ("log_current", TAU)):
+        np.savetxt(tmp_path / f"{name}.csv", np.column_stack((T, array)), delimiter=", ")
+    np.savetxt(tmp_path / "acc.csv", np.column_stack((6 + 3.7 * np.arange(2500), np.ones(2500))), delimiter=", ")
+    (tmp_path / "start_time.csv").write_text("1386174622.44\n")
+    found = survey(tmp_path)
+    channels = tomllib.loads(found.table)["channels"]
+    assert channels["time"] == "time"
+    assert channels["position"] == {"field": "log_q", "joints": [1, 2, 3], "unit": "rad"}
+    assert channels["torque"]["field"] == "log_current"
+    assert any("left out: acc.csv, start_time.csv" in note for note in found.notes)
+
+
 def test_the_rate_is_that_of_velocities_known_by_name(tmp_path: Path) -> None:
     """A torque that is all viscous friction is a rate of the positions too, in another unit."""
     path = tmp_path / "log.csv"

@@ -310,7 +310,7 @@ def test_names_that_only_look_like_a_quantity() -> None:
         "velocity", "velocity", "position", "position"
     ]  # fmt: skip
     assert {quantity_of(name) for name in ("dataDotQ", "dataDotQ_NF", "dotq", "dot_q1", "DotQ[1]")} == {"velocity"}
-    assert {quantity_of(name) for name in ("ddTheta", "dataDDotQ", "ddotq", "dDotQ")} == {"other"}
+    assert {quantity_of(name) for name in ("ddTheta", "dataDDotQ", "ddotq", "DDotQ[2]")} == {"other"}
     assert [quantity_of(name) for name in ("v_joint1", "i_q", "Iq1", "V_motor", "v_q", "voltage_v")] == [
         "velocity", "torque", "torque", "torque", "torque", "torque"
     ]  # fmt: skip

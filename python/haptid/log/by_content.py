@@ -29,7 +29,7 @@ _EQUAL = 0.01
 # Share by which the sizes of two copies differ at most.
 _SIZE = 0.1
 # Units of one copy in that of another.
-_OF_ANGLES = (1.0, np.pi / 180, 180 / np.pi)
+_OF_ANGLES = np.array([1.0, np.pi / 180, 180 / np.pi])
 # Greatest share by which the steps of a column of times differ, in the median.
 _REGULAR = 0.5
 # Rows of a recording in a table of several, in the mean at least.
@@ -200,8 +200,7 @@ def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int
     gone: set[int] = set()
     for a in range(len(heads)):
         for b in range(a + 1, len(heads)):
-            same = any(abs(size[a] * unit - size[b]) < _SIZE * size[b] for unit in _OF_ANGLES)
-            alike = z[a] @ z[b] > _COPY and same
+            alike = z[a] @ z[b] > _COPY and bool(_of_one_size(size[b] / size[a]))
             if own and own.get(heads[a]) != own.get(heads[b]):
                 alike = alike and max(rough[a], rough[b]) > _ROUGHER * min(rough[a], rough[b])
             if a not in gone and b not in gone and alike:
@@ -212,7 +211,12 @@ def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int
 def _copied(rows: NDArray[np.float64], k: int, used: set[int]) -> bool:
     """Whether a column is one of those that are in use, planned or filtered: of the same size too."""
     z, size = _straightened(rows[[k, *sorted(used)]]), np.std(rows[sorted(used)], axis=1) / np.std(rows[k])
-    return bool(((z[1:] @ z[0] > _COPY) & (np.abs(size - 1.0) < _SIZE)).any())
+    return bool(((z[1:] @ z[0] > _COPY) & _of_one_size(size)).any())
+
+
+def _of_one_size(ratios: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether ratios of sizes are those of copies, of which one may be in rad and the other one in degrees."""
+    return np.asarray((np.abs(ratios[..., None] / _OF_ANGLES - 1.0) < _SIZE).any(axis=-1))
 
 
 def _filled(group: list[int], rows: NDArray[np.float64], used: set[int]) -> list[int]:

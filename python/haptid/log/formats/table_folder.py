@@ -88,6 +88,9 @@ def columns(folder: Path, wanted: Sequence[str], request: Request) -> dict[str, 
     files = _files(folder)
     if files and files[0].times is not None:
         found = _by_time(files, wanted, request)
+        used = {file.path for file in files}
+        if others := [file.path.name for file in _tables(folder) if file.path not in used]:
+            request.notes.append(f"without times of this recording, and left out: {', '.join(others)}")
     else:
         for file in files:
             found |= file.columns(wanted)
@@ -108,22 +111,33 @@ def _files(folder: Path) -> list[_File]:
 
 
 def _timed(files: Sequence[_File]) -> list[_File]:
-    """Files without headers whose first columns are times of one recording; none where one of them is not so."""
-    made = list[_File]()
-    for file in files:
-        inside = list(file.channels.values())
-        if len(inside) < 2 or inside[0] != "column[1]" or len(files) < 2:
-            return []
-        inside = inside[1:] if file.path.name == DUMP and len(inside) > 2 else inside  # its first column counts
-        t = file.kind.columns(file.path, inside[:1])[inside[0]].astype(np.float64)
-        grown = 1 + int(np.argmin(np.append(np.diff(t) > 0, False)))
-        if grown < 2 or (t[grown:] != t[-1]).any() or t[grown - 1] != t[-1]:
-            return []
-        stem, own = _stem(file.path), inside[1:]
-        names = [stem] if len(own) == 1 else [f"{stem}[{k}]" for k in range(1, len(own) + 1)]
-        made.append(_File(file.path, file.kind, dict(zip(names, own, strict=True)), times=t[:grown]))
+    """Files without headers whose first columns are times of one recording; none where not most of the tables are.
+
+    Of the others some are of another clock, and some are notes, as the time of the start.
+    """
+    tables = [file for file in files if len(file.channels) > 1]
+    if len(tables) < 2 or any("column[1]" not in file.channels.values() for file in tables):
+        return []
+    made = [file for one in tables if (file := _with_times(one)) is not None]
     ends = np.array([file.times[[0, -1]] for file in made if file.times is not None])
-    return made if made and np.ptp(ends, axis=0).max() <= _APART * np.ptp(ends[0]) else []
+    if len(made) < 2:
+        return []
+    middle = np.median(ends, axis=0)
+    near = np.abs(ends - middle).max(axis=1) <= 0.5 * _APART * np.ptp(middle)
+    return [file for file, own in zip(made, near, strict=True) if own] if 2 * near.sum() > len(tables) else []
+
+
+def _with_times(file: _File) -> _File | None:
+    """A file with its first column as times; None where it is none."""
+    inside = list(file.channels.values())
+    inside = inside[1:] if file.path.name == DUMP and len(inside) > 2 else inside  # its first column counts
+    t = file.kind.columns(file.path, inside[:1])[inside[0]].astype(np.float64)
+    grown = 1 + int(np.argmin(np.append(np.diff(t) > 0, False)))
+    if grown < 2 or (t[grown:] != t[-1]).any() or t[grown - 1] != t[-1]:
+        return None
+    stem, own = _stem(file.path), inside[1:]
+    names = [stem] if len(own) == 1 else [f"{stem}[{k}]" for k in range(1, len(own) + 1)]
+    return _File(file.path, file.kind, dict(zip(names, own, strict=True)), times=t[:grown])
 
 
 def _by_time(files: Sequence[_File], wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
