@@ -36,6 +36,7 @@ from haptid.study.identify import check_kind, logs_to_propose_from, read_entry, 
 from haptid.study.pool_parts import FileWork, PoolParts, ReducedFile
 from haptid.study.schema import fault
 from haptid.study.study import silent
+from haptid.treatment_choice.noise_effect import without_bias
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.uncertainty.quantities import aligned
 from haptid.validation.validation import Validation, pooled, validate
@@ -366,6 +367,7 @@ def _group(model: DynamicModel, parts: Sequence[ReducedFile], size: int) -> Obse
 def _with_uncertainty(found: Estimate, alone: Observation, study: Study, proposal: Proposal) -> Estimate:
     """An estimate with what its treatment leaves uncertain in the study's own logs."""
     own = estimate(alone, study.method, study.intervals)
+    found, _ = without_bias(found, proposal.effects)
     return found.with_nuisances_of(with_all_uncertainty(own, proposal, None))
 
 

@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import judged
 from haptid.treatment_choice.delay_estimate import Delays, with_delay_uncertainty
-from haptid.treatment_choice.noise_effect import NOISY, of_torque
+from haptid.treatment_choice.noise_effect import NOISY, of_torque, without_bias
 from haptid.treatment_choice.repeated_errors import repeated_errors
 from haptid.treatment_choice.rounding import Rounding
 
@@ -24,6 +24,8 @@ def with_treatment_uncertainty(
     estimate: Estimate, delays: Delays | None, effects: Mapping[str, Array], rounding: Rounding | None = None
 ) -> Estimate:
     """An estimate whose covariance includes what its treatment leaves uncertain, each part in `nuisances`.
+
+    Of devices with springs it is less the bias by noise and position filter.
 
     Args:
         estimate: from logs that were treated as proposed.
@@ -43,16 +45,16 @@ def with_uncertain_delays(
     p = len(estimate.beta)
     for name, shift in joint.items():
         made = made.with_nuisance(name, shift[:, :p])
+    made, effects = without_bias(made, effects)
     for name, shift in effects.items():
-        if shift.shape[1] == p:
-            made = made.with_nuisance(name, shift)
-            changed = of_torque(estimate.observation, shift[0])
-            if changed > NOISY:
-                text = (
-                    f"The {name} changes the predicted torque by {changed:.2g} % (limit {NOISY:g} %): the positions "
-                    f"are too noisy for this motion. Record faster or larger motion, or with a finer encoder."
-                )
-                made = replace(made, status="noisy_positions", notes=(*made.notes, text))
+        made = made.with_nuisance(name, shift)
+        changed = of_torque(estimate.observation, shift[0])
+        if changed > NOISY:
+            text = (
+                f"The {name} changes the predicted torque by {changed:.2g} % (limit {NOISY:g} %): the positions "
+                f"are too noisy for this motion. Record faster or larger motion, or with a finer encoder."
+            )
+            made = replace(made, status="noisy_positions", notes=(*made.notes, text))
     moved = [shift[:, p:] for shift in joint.values() if shift.shape[1] > p]
     if delays is not None and moved:
         delays = replace(delays, by_positions=np.concatenate(moved))
