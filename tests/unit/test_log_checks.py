@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,19 @@ def read(
         ),
         exclude=exclude,
     )
+
+
+@pytest.mark.parametrize(
+    ("made", "doubted"),
+    [(np.abs, True), (lambda tau: tau, False), (lambda tau: 20 + tau, False), (lambda tau: np.abs(tau) - 0.3, False)],
+)
+def test_torques_that_may_be_magnitudes_are_doubted(tmp_path: Path, made: Callable, doubted: bool) -> None:
+    """Servos of hobby arms give the size of their current: no sign was asked for, and channels were said to be dead."""
+    path = tmp_path / "log.npz"
+    tau = made(np.column_stack((TORQUE, 0.5 * np.roll(TORQUE, 90))))
+    np.savez(path, q1=POSITION, q2=np.roll(POSITION, 50), tau1=tau[:, 0], tau2=tau[:, 1])
+    log = read_log(path, Channels(Signal(("q1", "q2"), "rad"), Signal(("tau1", "tau2"), "N m"), rate_hz=1000))
+    assert any("all 2 torque channels are never negative" in note for note in log.notes) == doubted
 
 
 def test_missing_samples_are_counted(tmp_path: Path) -> None:

@@ -48,6 +48,20 @@ def test_a_file_for_each_joint_without_headers(tmp_path: Path) -> None:
     assert channels["rate_hz"] == RATE
 
 
+def test_positions_of_a_state_are_preferred_to_those_of_a_control(tmp_path: Path) -> None:
+    """The name of the state's file has `motor` in it, and the planned positions were drafted."""
+    for name, q, tau in (("control", Q + 0.01, None), ("state_motor", Q, TAU)):
+        columns = {f"positions[{k}]": q[:, k] for k in range(3)}
+        if tau is not None:
+            columns |= {f"torques[{k}]": tau[:, k] for k in range(3)}
+        table = np.column_stack((1e6 * T, *columns.values()))
+        header = ",".join(("timestamp", *columns))
+        np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header=header, comments="")
+    channels = tomllib.loads(survey(tmp_path).table)["channels"]
+    assert channels["position"]["field"] == "state_motor.positions"
+    assert channels["torque"]["field"] == "state_motor.torques"
+
+
 def test_files_that_begin_with_times_are_joined_by_them(tmp_path: Path) -> None:
     """Of one file a row is lost, another goes on with its last row: rows are those whose times all have."""
     t = 0.01 * np.arange(300)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,6 +43,8 @@ HELD_SHARE = 0.01
 NEXT_SHARE = 0.25
 # A torque at each of its extremes and at both for these shares of the log is one that was switched between them.
 RELAY_EACH, RELAY_BOTH = 0.1, 0.98
+# Torques that are never negative, and all come nearer to zero than this share of their largest, may have no sign.
+NEAR_ZERO = 0.05
 # Points at which two channels are compared before they are compared everywhere.
 PROBES = 64
 
@@ -390,4 +392,19 @@ def identical_channels(path: Path, name: str, other: str) -> LogDataError:
         f"{path}: channels {name!r} and {other!r} are equal in every sample: one was recorded in place of the other.",
         where=(name, other),
         advice="Map two different channels.",
+    )
+
+
+def unsigned(ranges: Sequence[tuple[float, float]]) -> str | None:
+    """A note where several torques may be magnitudes: never negative, and near zero at times, as where a sign changes.
+
+    Args:
+        ranges: of the torque channels, each (low, high).
+    """
+    varying = [(low, high) for low, high in ranges if low != high]
+    if len(varying) < 2 or not all(0 <= low <= NEAR_ZERO * high for low, high in varying):
+        return None
+    return (
+        f"all {len(varying)} torque channels are never negative and come near zero: if they are magnitudes, as some "
+        "servos give their current and load, no model fits them; record them with their sign"
     )

@@ -107,12 +107,14 @@ class Inspection:
         notes: appended to.
         left_out: rows in parts that are left out, (rows,): a straight line stands for each channel there.
         moving: where each position differs from the sample before, as bits; complete after the positions.
+        torque_ranges: of the torques so far, each (low, high) in the file's unit.
         same: whether all channels of a signal so far equal those of the row before, (rows,) each.
     """
 
     def __init__(self, path: Path, times: Times, notes: list[str], exclude: Sequence[tuple[float, float]] = ()) -> None:
         self.path, self.times, self.notes = path, times, notes
         self.moving: list[NDArray[np.uint8]] = []
+        self.torque_ranges: list[tuple[float, float]] = []
         self.same = {kind: np.append(False, np.ones(times.seconds.size - 1, bool)) for kind in ("position", "torque")}
         self.left_out = np.zeros(times.seconds.size, dtype=bool)
         for start, stop in exclude:
@@ -151,6 +153,9 @@ class Inspection:
         paired = len(self.moving) == len(signal.channels)
         bits = self.moving[signal.channels.index(name)] if paired else np.bitwise_or.reduce(self.moving)
         self._note(checks.saturated(self.path, name, column, bits, signal.one(name)))
+        self.torque_ranges.append((float(column.min()), float(column.max())))
+        if len(self.torque_ranges) == len(signal.channels):
+            self._note(checks.unsigned(self.torque_ranges))
 
     def _note(self, sentence: str | None) -> None:
         if sentence:

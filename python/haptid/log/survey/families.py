@@ -24,8 +24,9 @@ from haptid.log.units import known_unit
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
 WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
-                     "actions", "setpoint", "set", "soll", "external", "ext", "et", "model", "predicted", "pred",
-                     "last", "prev", "residual", "disturbance", "gravity", "friction"})  # fmt: skip
+                     "actions", "setpoint", "control", "controls", "set", "soll", "external", "ext", "et",
+                     "model", "predicted", "pred", "last", "prev", "residual", "disturbance", "gravity",
+                     "friction"})  # fmt: skip
 # More likely than a command, where both are there.
 MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # What was done to a signal: another one than that without the word.
