@@ -395,7 +395,7 @@ def identical_channels(path: Path, name: str, other: str) -> LogDataError:
     )
 
 
-def unsigned(ranges: Sequence[tuple[float, float]]) -> str | None:
+def without_sign(ranges: Sequence[tuple[float, float]]) -> str | None:
     """A note where several torques may be magnitudes: never negative, and near zero at times, as where a sign changes.
 
     Args:

@@ -155,7 +155,7 @@ class Inspection:
         self._note(checks.saturated(self.path, name, column, bits, signal.one(name)))
         self.torque_ranges.append((float(column.min()), float(column.max())))
         if len(self.torque_ranges) == len(signal.channels):
-            self._note(checks.unsigned(self.torque_ranges))
+            self._note(checks.without_sign(self.torque_ranges))
 
     def _note(self, sentence: str | None) -> None:
         if sentence:

@@ -36,6 +36,7 @@ _ANGLES = frozenset({"rad", "deg", "turn"})
 SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
 _DRIVE = ("duty", "voltage", "current", "")
+_DRIVE_UNITS = {"A": "current", "mA": "current", "V": "voltage", "mV": "voltage"}
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
 # What is desired of a measured signal beside it, or its rate: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleD`.
@@ -71,7 +72,7 @@ class ChannelFamily:
             not words & WANTED_WORDS,
             not all(channel.unit == "counts" for channel in self.channels),
             bool(words & MEASURED_WORDS),
-            _DRIVE.index(drive_unit(words)),
+            _DRIVE.index(drive_unit(words) or _DRIVE_UNITS.get(self.channels[0].unit, "")),
             usable,
             min(channel.count for channel in self.channels),
             "raw" not in words,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -45,6 +46,8 @@ _PAUSE, _UNEVEN, _SHARED = 10.0, 0.25, 0.05
 _MEGA = 100.0
 # Positions beyond this, of what moves straight, are in mm.
 _METRES = 5.0
+# A unit over another one, which no position and no torque has.
+_RATIO = re.compile(r"[^\W\d_][^/]*/")
 # Torques that are whole numbers, and reach more than this, are in a driver's unit.
 _WHOLE = 10.0
 
@@ -123,10 +126,14 @@ def guessed(
         return replace(channel, quantity=alone[0], unit=alone[1], reason=STATED[1] + _or(own))
     known = known_unit(stated) if stated else None
     if known is not None and known[0] != "time":
-        if quantity == "other" and known[0] in ("position", "torque"):
+        # Of `q-axis [A]` the unit tells, and not the letter; counts are of either, and volts of a potentiometer too.
+        told = {quantity, known[0]} == {"position", "torque"} and known[1] not in ("counts", "V", "mV")
+        if told or (quantity == "other" and known[0] in ("position", "torque")):
             quantity = known[0]
         return replace(channel, quantity=quantity, unit=known[1], reason=f"{STATED[0]} {stated}{_or(stated)}")
     if stated and known is None and quantity in ("position", "torque"):
+        if _RATIO.match(stated):  # `torque constant [Nm/A]`
+            return replace(channel, quantity="other")
         return replace(channel, quantity=quantity, unit="counts", reason=_own_unit(stated))
     end = base.rpartition("_")[2] if "_" in base else ""
     suffix = known_unit(end) if end else None
