@@ -1,4 +1,4 @@
-"""Bias by noise and position filter: subtracted where a device has springs, uncertain where it is not."""
+"""Bias by the position filter: subtracted where a device has springs, uncertain where it is not."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ def test_of_an_estimate_with_inequalities_all_of_the_bias_is_uncertain(narrow):
     held = replace(plain, constrained_fit=object())
     same, whole = without_bias(held, proposal.effects)
     assert same is held
-    np.testing.assert_allclose(plain.beta - less.beta, sum(whole.values())[0])
-    assert all((np.abs(whole[name]) >= np.abs(shift)).all() for name, shift in uncertain.items())
+    np.testing.assert_allclose(plain.beta - less.beta, whole["position filter"][0])
+    np.testing.assert_allclose(uncertain["position filter"], 0.5 * whole["position filter"])
+    assert uncertain["encoder noise"] is whole["encoder noise"]
 
 
 def test_a_device_without_springs_keeps_its_estimate(narrow):

@@ -2,7 +2,9 @@
 
 Noise in the columns attenuates parameters, a narrow filter inflates them. The balanced cut-off cancels both to first
 order; what is left is measured: noise like the encoders' is added once more, and positions are filtered once more.
-Of devices with springs both are subtracted: the balance is of accelerations, and torsions are much smaller than these.
+Of devices with springs the filter's is subtracted: the balance is of accelerations, and torsions are much smaller.
+Noise of positions that the controller acts on is less harmful than it is found to be: true positions follow the noise,
+and measured ones do not show it.
 
 Source: Cook and Stefanski (1994), Journal of the American Statistical Association 89, for simulation-extrapolation
 (SIMEX), of which this is the first difference.
@@ -16,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
-from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log
@@ -26,8 +27,9 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
 
-# The share of its own size within which each effect is known: of the noise where the residual bounds it, and where not.
-_NOISE_BOUNDED, _NOISE_KNOWN, _FILTER_KNOWN = 0.5, 1.0, 0.5
+# The share of its own size within which each effect is known.
+_NOISE_KNOWN, _FILTER_KNOWN = 1.0, 0.5
+_FILTER = "position filter"
 # Share of the torque, per cent, by which the encoders' noise may change the predicted one.
 NOISY = 3.0
 
@@ -56,21 +58,14 @@ def noise_effect(
         twice = least_squares(_with_positions(rows, filtered))
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return {}
-    shares = _known(rows.model)
     return {
-        "encoder noise": shares["encoder noise"] * (0.5 * (more + less) - as_is)[None],
-        "position filter": shares["position filter"] * (twice - as_is)[None],
+        "encoder noise": _NOISE_KNOWN * (0.5 * (more + less) - as_is)[None],
+        _FILTER: _FILTER_KNOWN * (twice - as_is)[None],
     }
 
 
-def _known(model: DynamicModel) -> Mapping[str, float]:
-    """The share of its own size within which each effect is known."""
-    noise = _NOISE_BOUNDED if model.device.elastic else _NOISE_KNOWN
-    return {"encoder noise": noise, "position filter": _FILTER_KNOWN}
-
-
 def without_bias(estimate: Estimate, effects: Mapping[str, Array]) -> tuple[Estimate, Mapping[str, Array]]:
-    """An estimate of a device with springs less its bias by noise and filter, and what this leaves uncertain.
+    """An estimate of a device with springs less its bias by the position filter, and what is uncertain then.
 
     Of other devices both are as they are. Inequality constraints move other parameters as well: of such an estimate
     nothing is subtracted, and all of the bias is uncertain.
@@ -79,15 +74,14 @@ def without_bias(estimate: Estimate, effects: Mapping[str, Array]) -> tuple[Esti
         estimate: by least squares.
         effects: standard errors by noise and filter, as `noise_effect` has them.
     """
-    own, known = estimate.quantities, _known(estimate.model)
+    own = estimate.quantities
     effects = {name: shift for name, shift in effects.items() if shift.shape[1] == len(own.values)}
-    if not estimate.model.device.elastic:
+    if not estimate.model.device.elastic or _FILTER not in effects:
         return estimate, effects
-    whole = {name: shift / known[name] for name, shift in effects.items()}
+    bias = effects[_FILTER] / _FILTER_KNOWN
     if estimate.constrained_fit is not None:
-        return estimate, whole
-    values = own.values - sum((shift[0] for shift in whole.values()), np.zeros(len(own.values)))
-    return replace(estimate, quantities=replace(own, values=read_only(values))), effects
+        return estimate, {**effects, _FILTER: bias}
+    return replace(estimate, quantities=replace(own, values=read_only(own.values - bias[0]))), effects
 
 
 def possible_noise(
