@@ -13,8 +13,10 @@ import pytest
 import haptid
 import small_study
 from diagnosed import phantom
+from haptid.advice import apply
 from haptid.advice.action import Action, Advice, told_apart
 from haptid.advice.advise import _travel_unit, advise
+from haptid.advice.edits import Edit
 from haptid.advice.recorder import faults
 from haptid.study.identify import identify
 from haptid.study.read import read_study
@@ -119,3 +121,47 @@ def test_friction_below_its_noise_is_no_torque_to_leave_out(tmp_path: Path) -> N
     (log,) = found.runs[0].observation.motions
     assert [fault.kind for fault in faults(log.log)] == ["noise alone"]
     assert not advise(found).actions
+
+
+def test_a_channel_of_which_no_row_is_used_is_exchanged_with_none(tmp_path: Path) -> None:
+    """The noise of a dead torque is a small residual: its exchange left an error of 100 % as the best combination."""
+    path = small_study.write_study(tmp_path)
+    made = small_study.columns(1, 20.0)
+    made["tau2"] = 1e-3 * float(np.std(made["tau1"])) * np.random.default_rng(1).standard_normal(len(made["t"]))
+    for name in ("log.csv", "check.csv"):
+        pyarrow.csv.write_csv(pa.table(made | {"t": made["t"] + 100.0 * (name == "check.csv")}), tmp_path / name)
+    found = advise(identify(read_study(path)))
+    assert found.after < 5
+    assert "% of the samples" not in found.sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("errors", "kept"),
+    [
+        ({"spring": 0.23, "spring length": 1.72}, "spring"),  # the length mended delays that the lack of a spring made
+        ({"spring": 3.0, "spring length": 1.72}, "spring length"),
+        ({"spring length": 1.72}, "spring length"),  # the spring alone is not confirmed
+        ({"contact spring": 0.2, "contact spring length": 0.3}, "contact spring"),
+        ({"spring": 0.23}, "spring"),
+    ],
+)
+def test_the_first_action_is_applied_alone_where_it_leaves_no_more(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, errors: dict[str, float], kept: str
+) -> None:
+    """A spring left out made a length of 100 mm look proven; both were written, with 1.72 % in place of 0.23 %."""
+    written = []
+
+    def tried(actions, found, out, _data, before):
+        written.append(" ".join(one.kind for one in actions))
+        after = errors.get(written[-1])
+        return None if after is None else apply.Applied(out / "study.toml", actions, before, after, found)
+
+    monkeypatch.setattr(apply, "_tried", tried)
+    monkeypatch.setattr(apply, "_worst", lambda _: 4.9)
+    edit = (Edit("study", "set", ("estimate", "use"), "auto"),)
+    kinds = max(errors, key=len).split() + ["length"] * (len(errors) == 1 and kept == "spring")
+    actions = tuple(replace(action(kind, 1.0, True), edits=edit) for kind in kinds)
+    made = apply.apply_advice(advice(*actions), None, tmp_path)
+    assert made is not None
+    assert " ".join(one.kind for one in made.actions) == kept
+    assert written[-1] == kept  # the files are those of the actions

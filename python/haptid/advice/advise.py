@@ -382,7 +382,7 @@ def _mask_action(mask: Proven, edits: tuple[Edit, ...], blocks: int) -> Action:
     """Rows left out, in words."""
     one = mask.candidate
     where = joined_names(list(one.places))
-    note = f" ({100 * one.fault.share:.2g} % of the samples)" if one.fault else ""
+    note = f" ({100 * one.fault.share:.2g} % of the samples)" if one.fault and one.fault.share < 1 else ""
     return Action(
         one.kind, one.places, CHANGES[one.kind].format(where=where) + note, "unseen error", *mask.figures,
         mask.gain.share, True, edits, blocks,

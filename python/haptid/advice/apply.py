@@ -36,8 +36,9 @@ def apply_advice(advice: Advice, found: Identification, out: Path, data: Path | 
     """Write study and device with the best combination of actions that identifying it again confirms.
 
     The trials fit on rows that are treated as before; identifying again also chooses the treatment again. Where this
-    does not lower the error, the combination is tried without rows left out, then its actions one by one. Proofs that
-    are not of the error are kept as they are.
+    does not lower the error, the combination is tried without rows left out, then its actions one by one. Where its
+    first action alone leaves no more, the others were of the treatment, and are not kept. Proofs that are not of the
+    error are kept as they are.
 
     Args:
         advice: of the identification.
@@ -50,19 +51,43 @@ def apply_advice(advice: Advice, found: Identification, out: Path, data: Path | 
     """
     before = _worst(found)
     for actions in _combinations(advice):
-        edits = [edit for action in actions for edit in action.edits]
-        kinds = ", ".join(action.kind for action in actions)
-        path = written(found.study, data, edits, out, f"{found.study.path.name}, changed by haptid advise: {kinds}")
-        try:
-            made = identify(read_study(path))
-        except HaptidError:
+        made = _tried(actions, found, out, data, before)
+        if made is None:
             continue
-        after = _worst(made)
-        if after < before or any(action.proof != "unseen error" for action in actions):
-            return Applied(path, actions, before, after, made)
+        if (first := _first(actions)) is None:
+            return made
+        alone = _tried(first, found, out, data, before)
+        if alone is not None and alone.after <= made.after:
+            return alone
+        return _tried(actions, found, out, data, before)  # written again
     if out.is_dir() and not _others(out):
         shutil.rmtree(out, ignore_errors=True)
     return None
+
+
+def _tried(
+    actions: tuple[Action, ...], found: Identification, out: Path, data: Path | None, before: float
+) -> Applied | None:
+    """Actions written and identified; None where that does not confirm them."""
+    edits = [edit for action in actions for edit in action.edits]
+    kinds = ", ".join(action.kind for action in actions)
+    path = written(found.study, data, edits, out, f"{found.study.path.name}, changed by haptid advise: {kinds}")
+    try:
+        made = identify(read_study(path))
+    except HaptidError:
+        return None
+    after = _worst(made)
+    if after < before or any(action.proof != "unseen error" for action in actions):
+        return Applied(path, actions, before, after, made)
+    return None
+
+
+def _first(actions: tuple[Action, ...]) -> tuple[Action, ...] | None:
+    """Rows left out and the first other action; None where there is one such action, or a proof not of the error."""
+    others = [action for action in actions if action.kind not in MASKS]
+    if len(others) < 2 or any(action.proof != "unseen error" for action in actions):
+        return None
+    return tuple(action for action in actions if action.kind in MASKS or action is others[0])
 
 
 def _worst(found: Identification) -> float:

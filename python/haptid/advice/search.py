@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
@@ -174,7 +174,7 @@ def search_of(
             made.append(
                 TriedChange("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j))
             )
-    return Trials(model, motions, beta, whole, bench, tuple(made), found)
+    return Trials(model, motions, beta, whole, bench, _of_channels_in_use(made, whole), found)
 
 
 def _sources(
@@ -274,7 +274,14 @@ def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     if not found:
         return search, found
     rows = replace(search.rows, used=search.rows.used & kept)
-    return replace(search, rows=rows, bench=search.bench.with_rows("used", rows.grams())), found
+    clean = replace(search, rows=rows, bench=search.bench.with_rows("used", rows.grams()))
+    return replace(clean, candidates=_of_channels_in_use(search.candidates, rows)), found
+
+
+def _of_channels_in_use(candidates: Iterable[TriedChange], rows: TrialRows) -> tuple[TriedChange, ...]:
+    """Candidates but for gains and exchanges of torque channels of which no row is used, of which nothing is known."""
+    used = np.asarray(rows.used.any(axis=1))
+    return tuple(one for one in candidates if one.kind not in ("gain", "torque swap") or used[list(one.indices)].all())
 
 
 def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:

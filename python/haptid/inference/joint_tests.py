@@ -130,29 +130,43 @@ def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Itera
     size = np.sqrt(np.diag(white))
     root = np.linalg.inv(np.linalg.cholesky(white / np.outer(size, size))) / size
     parameters, base = model.device.parameters, model.base
+    rubbing = _friction(model)
+    every = np.concatenate([np.zeros((len(base), 1)), *rubbing.values()], axis=1)
     for joint in model.device.joints:
         names = [kind + joint.name for kind in ("M", "MX", "MY", "MZ")]
         loads = [parameters.index[name] for name in names if name in parameters.index]
-        C = _projection(base.regrouping[:, loads], root)
+        C = _projection(base.regrouping[:, loads], root, every)
         if len(C):
             yield f"payload on link {joint.name}", C
     still = _functionals(_torque_at_rest(model))
     if len(still):
         yield "torque at rest", still
-    links, own = 10 * len(model.device.joints), dict[str, list[Array]]()
-    for k, term in enumerate(model.terms):
-        if term.nature in ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck"):
-            rows = base.regrouping[:, parameters.S[links + k] != 0].any(axis=1)
-            own.setdefault(term.on, []).extend(np.eye(len(base))[rows])
-    for group, test in own.items():
-        C = _functionals(np.array(test).reshape(-1, len(base)))
+    for group, columns in rubbing.items():
+        C = _functionals(columns.T)
         if len(C):
             yield f"friction of {group}", C
 
 
-def _projection(B: Array, root: Array) -> Array:
-    """Combinations that detect the columns of B, (p, r), best in a difference of precision root'root, (q, p)."""
-    u, size, _ = np.linalg.svd(root @ B / np.maximum(np.linalg.norm(root @ B, axis=0), 1e-300), full_matrices=False)
+def _friction(model: DynamicModel) -> dict[str, Array]:
+    """Base parameters of the friction on each motor or joint, as unit columns, (p, parameters)."""
+    parameters, base, own = model.device.parameters, model.base, dict[str, list[Array]]()
+    links = 10 * len(model.device.joints)
+    for k, term in enumerate(model.terms):
+        if term.nature in ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck"):
+            rows = base.regrouping[:, parameters.S[links + k] != 0].any(axis=1)
+            own.setdefault(term.on, []).extend(np.eye(len(base))[rows])
+    return {group: np.array(rows).reshape(-1, len(base)).T for group, rows in own.items()}
+
+
+def _projection(B: Array, root: Array, others: Array) -> Array:
+    """Combinations that detect the columns of B, (p, r), best in a difference of precision root'root, (q, p).
+
+    They have no part in the columns of `others`, (p, s), which may differ as well: a payload is best detected with
+    friction taken as the same, and other friction then is taken for a payload.
+    """
+    free = linalg.null_space((root @ others / np.maximum(np.linalg.norm(root @ others, axis=0), 1e-300)).T)
+    B, root = free.T @ root @ B, free.T @ root
+    u, size, _ = np.linalg.svd(B / np.maximum(np.linalg.norm(B, axis=0), 1e-300), full_matrices=False)
     return np.asarray(u[:, size > _RANK * max(size.max(initial=0.0), 1e-300)].T @ root)
 
 
