@@ -346,6 +346,21 @@ def test_a_fast_motion_tells_whether_stamps_are_right(tmp_path: Path) -> None:
     assert wrong.slope == pytest.approx(0, abs=0.05)
 
 
+def test_a_loop_whose_rate_wanders_tells_that_its_stamps_are_right(tmp_path: Path) -> None:
+    """Stamps go away from regular ones by tens of steps, which hid the rough part: they were called wrong."""
+    rng = np.random.default_rng(1)
+    usual = np.repeat(rng.choice([0.0042, 0.01], 60, p=[0.3, 0.7]), rng.integers(20, 160, 60))
+    t = np.cumsum(usual * (1 + 0.25 * rng.uniform(-1, 1, usual.size)))
+    q = np.sin(9 * t) + 0.5 * np.sin(23 * t)
+    q = 8e-4 * np.round(q / 8e-4)
+    np.savez(tmp_path / "log.npz", t=t, q=q, tau=np.cos(9 * t))
+    right = read_log(tmp_path / "log.npz", Channels(Signal("q", "rad"), Signal("tau", "N m"), time="t")).time_base
+    assert right is not None
+    assert right.jitter > 3
+    assert right.method == "stamps"
+    assert right.slope == pytest.approx(1, abs=0.1)
+
+
 def test_the_rate_of_a_short_log_is_not_that_of_its_first_and_last_stamp(tmp_path: Path) -> None:
     taken = np.arange(800) / 100
     t = taken + 5e-3 * np.random.default_rng(0).uniform(-1, 1, 800)

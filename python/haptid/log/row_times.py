@@ -50,6 +50,8 @@ TELL, ROWS_OF_SLOPE = 0.5, 2**17
 SLOPE_CLEAR = 2.0
 # Rows of the smoothing filters of that regression: of the speed, and of the roughness.
 _WIDE, _NARROW = 51, 11
+# Shortest step of rows around one, in regular ones, that a speed is divided by.
+_SLOWEST = 0.1
 # Periods of the motion in those filters, at most, and their fewest rows: a longer cubic does not follow the motion.
 _FOLLOWS, _SHORTEST = 0.5, 7
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
@@ -467,10 +469,16 @@ def stamps_tell(
 
 
 def _roughness(position: Array, deviation: Array, fresh: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """High-pass of a position, and of its speed times the deviation, at the fresh rows."""
+    """High-pass of a position, and of its speed times the deviation, at the fresh rows.
+
+    Where the rate wanders, as of a loop that waits for its bus, the deviation is that from the rate of the rows around.
+    """
     fastest = Spectrum.of(position, 1.0).bandwidth  # periods in a row
     follows = max(int(_FOLLOWS / fastest) // 2 * 2 + 1, _SHORTEST) if fastest else _WIDE
     wide = min(position.size // 4 * 2 - 1, _WIDE, follows)
-    moved_by = polynomial_filter(position, wide, 3, 1) * deviation
+    around = min(position.size // 4 * 2 - 1, _WIDE)
+    usual, changes = (polynomial_filter(deviation, around, 3, derivative) for derivative in (0, 1))
+    speed = polynomial_filter(position, wide, 3, 1) / np.maximum(1.0 + changes, _SLOWEST)  # in a regular step
+    moved_by = speed * (deviation - usual)
     pair = [(x - polynomial_filter(x, min(wide, _NARROW), 3))[fresh] for x in (position, moved_by)]
     return pair[0], pair[1]
