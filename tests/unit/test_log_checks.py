@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -180,7 +182,7 @@ def test_position_jumps(tmp_path: Path, place: int, jump: float, spike: bool) ->
     with pytest.raises(errors.LogDataError) as raised:
         read(tmp_path, q=q)
     assert raised.value.where[0] == "q"
-    assert "lost counts" in str(raised.value)
+    assert ("a damaged row" if spike else "lost counts") in str(raised.value)
 
 
 @QUICK
@@ -399,3 +401,21 @@ def test_a_joint_that_stands_between_two_steps_of_its_encoder_is_not_wrapped(tmp
     np.savez(path, t=t, q1=np.mod(40.0 * t, 25.0) - 12.5, tau1=moving)
     with pytest.raises(errors.LogDataError, match="jumps by its whole period of 25 rad"):
         read_log(path)
+
+
+@pytest.mark.parametrize("rows", [(700,), (700, 1200, 1500)])
+def test_damaged_rows_are_no_wrap_and_say_what_to_exclude(rows: tuple[int, ...], tmp_path: Path) -> None:
+    """A recorder that writes another packet now and then: once, there and back are from one end to the other."""
+    t = np.arange(9000) * 1e-3
+    q, tau, path = 0.1 * np.sin(3.0 * t), np.random.default_rng(1).standard_normal(t.size), tmp_path / "log.npz"
+    damaged = q.copy()
+    damaged[list(rows)] = 0.9
+    np.savez(path, t=t, q1=damaged, q2=np.cos(t), tau1=tau, tau2=tau[::-1])
+    with pytest.raises(errors.LogDataError, match="damaged row") as raised:
+        read_log(path)
+    shown = re.search(r"exclude = (\[\[.*\]\])", str(raised.value))
+    assert shown is not None
+    ranges = json.loads(shown[1])
+    assert [round(float(np.mean(one)) * 1e3) for one in ranges] == list(rows)
+    log = read_log(path, exclude=tuple(map(tuple, ranges)))
+    assert float(np.ptp(np.asarray(log.position)[:, 0])) < 0.21

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from typer.testing import CliRunner
 
 import recorders
@@ -232,6 +233,24 @@ def test_a_study_is_drafted_for_the_joints_of_a_device(tmp_path: Path) -> None:
     assert [log.get("role") for log in made["logs"]] == [None, "validate"]
     (tmp_path / "study.toml").write_text(text)
     assert len(read_study(tmp_path / "study.toml").logs) == 2
+
+
+def test_files_that_call_their_variable_as_the_run_have_channels_of_their_own(tmp_path: Path) -> None:
+    """`run1.q` of `run1.mat` is `run2.q` of `run2.mat`: a study of both reads both."""
+    small_study.write_study(tmp_path)
+    log = small_study.columns(1)
+    for run in ("run1", "run2"):
+        savemat(tmp_path / f"{run}.mat", {run: dict(log)})
+    device = tmp_path / tomllib.loads(small_study.STUDY)["device"]
+    logs = [tmp_path / "run1.mat", tmp_path / "run2.mat"]
+    text, _ = draft_study(logs, read_device(device), str(device), tmp_path)
+    plan = tomllib.loads(text)
+    assert "channels" not in plan["logs"][0]
+    assert plan["logs"][1]["role"] == "validate"
+    for channels, run in ((plan["channels"], "run1"), (plan["logs"][1]["channels"], "run2")):
+        assert {name.partition(".")[0] for name in channels["position"]["channels"]} == {run}
+    (tmp_path / "study.toml").write_text(text)
+    assert not check_study(tmp_path / "study.toml").problems
 
 
 def test_parts_of_a_recording_in_several_files_are_named(tmp_path: Path) -> None:

@@ -45,6 +45,10 @@ NEXT_SHARE = 0.25
 RELAY_EACH, RELAY_BOTH = 0.1, 0.98
 # Torques that are never negative, and all come nearer to zero than this share of their largest, may have no sign.
 NEAR_ZERO = 0.05
+# Samples of a value that is far from those before and after it, at most: a damaged row, and no turn of a sensor.
+SPIKE = 3
+# Such moments that are listed, at most.
+SPIKES = 20
 # Points at which two channels are compared before they are compared everywhere.
 PROBES = 64
 
@@ -167,7 +171,7 @@ def wrap_period(column: Array, signal: Signal, largest: float) -> tuple[float, i
         if turn != span and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
             return turn, int(at[0]) + 1, at.size
         ends = at.size > 1 and size[at].min() >= span - 2 * usual  # from one end to the other, again and again
-        if ends and np.unique(np.rint(column * (_FINE / span))).size > _LEVELS:
+        if ends and np.median(np.diff(at)) > SPIKE and np.unique(np.rint(column * (_FINE / span))).size > _LEVELS:
             own = size[at] + size[np.clip(at + 1, 0, size.size - 1)]  # the motion goes on, against the jump
             return _round(float(np.median(own)), 0.5 * usual), int(at[0]) + 1, at.size
     return None
@@ -211,16 +215,47 @@ def jumps(
         steps = np.abs(np.diff(column))
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
         if largest > JUMP_COUNTS * smallest:
+            cause, advice = (
+                "lost counts, or two recordings in one",
+                (
+                    "Keep a part without it with `time_range`, or leave the moment out with `exclude` if the position "
+                    "comes back."
+                ),
+            )
+            ranges = _spikes(column, stamps, max(JUMP * usual, JUMP_SI / abs(si)))
+            if 0 < len(ranges) <= SPIKES:
+                rows = "a damaged row" if len(ranges) == 1 else f"damaged rows at {len(ranges)} moments"
+                shown = ", ".join(f"[{low:.9g}, {high:.9g}]" for low, high in ranges)
+                cause, advice = (
+                    f"{rows}, as the position comes back",
+                    f"Leave it out with `exclude = [{shown}]` of the log.",
+                )
             raise LogDataError(
                 f"{path}: position channel {name!r} jumps by {largest:.6g} {signal.unit} in one sample at t = "
-                f"{stamps[k + 1]:.6g} s, where 99.9 % of its steps are below {usual:.3g} {signal.unit}: lost counts, "
-                "or two recordings in one.",
+                f"{stamps[k + 1]:.6g} s, where 99.9 % of its steps are below {usual:.3g} {signal.unit}: {cause}.",
                 where=(name, float(stamps[k + 1])),
                 found=largest,
                 limit=usual,
-                advice="Keep a part without it with `time_range`, or leave the moment out with `exclude` if the "
-                "position comes back.",
+                advice=advice,
             )
+
+
+def _spikes(column: Array, stamps: Array, limit: float) -> list[tuple[float, float]]:
+    """Ranges of time around few samples that are far from their neighbours, s; none where a jump does not come back.
+
+    Args:
+        limit: length of a step from which it is a jump.
+    """
+    at = np.flatnonzero(np.abs(np.diff(column)) > limit)
+    there, back = at[::2], at[1::2]
+    if (
+        there.size != back.size
+        or (back - there > SPIKE).any()
+        or (np.abs(column[back + 1] - column[there]) > limit).any()
+    ):
+        return []
+    edges = 0.5 * (stamps[1:] + stamps[:-1])
+    return list(zip(edges[there].tolist(), edges[back].tolist(), strict=True))
 
 
 def refuse_lost_counts(

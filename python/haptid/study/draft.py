@@ -69,6 +69,7 @@ def draft_study(
         note = f"  # {odd[k]}" if k in odd else ""
         lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}{note}"]
         lines += ['role = "validate"', ""] if k and not each else [""]
+        lines += [own, ""] if k and (own := _own_channels(surveyed, log)) else []
     if each:
         lines += ["[validation]", 'cross_validation = "leave-one-log-out"']
     return "\n".join(lines).rstrip() + "\n", surveyed
@@ -89,6 +90,22 @@ def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
         return logs
     positions = sum(c.quantity == "position" for topic in first.topics for c in topic.channels) if first else 0
     return tables if first and not first.lacking and positions >= joints else logs
+
+
+def _own_channels(first: Survey, log: str | Path) -> str:
+    """The table of channels of a log that calls its only variable or group otherwise than the first log, as MATLAB's
+    `run1.q` and `run2.q`; else empty."""
+    if [topic.name for topic in first.topics] != [""] or not first.table:
+        return ""
+    names = [channel.name for channel in first.topics[0].channels]
+    try:
+        others = format_of(Path(log)).names(Path(log))
+    except HaptidError:  # `identify` says what is wrong with it
+        return ""
+    (before, *further), (after, *more) = (sorted({name.partition(".")[0] for name in own}) for own in (names, others))
+    if further or more or before == after or {name.replace(before, after, 1) for name in names} - set(others):
+        return ""
+    return first.table.replace(f'"{before}.', f'"{after}.').replace("[channels", "[logs.channels").rstrip()
 
 
 def _other_units(first: Survey, others: Sequence[str | Path]) -> Iterator[tuple[int, str]]:
