@@ -15,12 +15,22 @@ from haptid.validation.validation import MotorError, Validation
 LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
 
 
-def given(relative, statuses, told=4, seen=False):
-    """The verdict on an estimate of four parameters, of which so many are told well."""
+def estimate(parameters, invented=()):
+    """An estimate of these parameters, some of which are of rounding alone."""
+    return SimpleNamespace(
+        parameters=parameters,
+        free_parameters=parameters,
+        model=SimpleNamespace(only_by_rounding=invented),
+        observation=SimpleNamespace(motors=()),
+    )
+
+
+def given(relative, statuses, told=4, seen=False, invented=()):
+    """The verdict on an estimate of four parameters, of which so many are told well and some are of rounding alone."""
     parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
     errors = Validation((MotorError("1", "motor 1", "N m", relative, 100.0, 10),), seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
-    return verdict(SimpleNamespace(parameters=parameters, free_parameters=range(4)), errors, findings)
+    return verdict(estimate(parameters, invented), errors, findings)
 
 
 def test_every_look_that_counts_has_plain_words():
@@ -63,6 +73,12 @@ def test_a_large_error_is_itself_the_reason():
     assert "with care for quoting single parameters, because only 1 of 4" in made.sentences[2]
 
 
+def test_parameters_that_rounding_invents_are_not_counted_as_told():
+    """They are said not to be quoted, and were among those with small standard errors."""
+    told = given(0.2, {}, invented=("P1",)).sentences[2]
+    assert "because only 3 of 4 have standard errors below 10 % (P0, P2 and P3)" in told
+
+
 def test_the_gravest_reasons_are_named_and_the_rest_counted():
     made = given(0.2, dict.fromkeys(LOOKS, "bad") | {"units and signs": "doubt"})
     assert f"and {len(LOOKS) - 4} more reasons, though" in made.sentences[2]
@@ -84,7 +100,7 @@ def test_negative_friction_is_not_said_of_the_torque():
         (f"The torque of 1 is 3 times {bodies}", both, MEANING["units and signs"]),
     ):
         findings = [Finding("units and signs", "doubt", figures, sentence)]
-        made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), errors, findings)
+        made = verdict(estimate(parameters), errors, findings)
         assert f"because {words}" in made.sentences[0]
 
 
@@ -103,7 +119,7 @@ def test_a_motor_with_hardly_any_torque_does_not_decide():
     assert [m.motor for m in errors.silent] == ["2"]
     assert errors.largest.motor == "3"
     parameters = [SimpleNamespace(name="P", relative_se=1.0)]
-    made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), errors, [])
+    made = verdict(estimate(parameters), errors, [])
     assert (made.torque, made.parameters) == ("doubt", "doubt")
     assert "the torque error of motor 3 is 20 %" in made.sentences[0]
     assert "motor 2 has hardly any torque" in made.sentences[0]
@@ -115,7 +131,7 @@ def test_a_small_motor_is_named_and_does_not_decide_and_a_large_one_does():
     assert (small.silent, small.largest.motor) == ((), "1")
     assert [(m.motor, round(share, 3)) for m, share in small.small] == [("2", 0.007)]
     parameters = [SimpleNamespace(name="P", relative_se=1.0)]
-    made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), small, [])
+    made = verdict(estimate(parameters), small, [])
     assert made.torque == "doubt"
     assert (
         "motors with hardly any torque have errors above 20 % (motor 2 81 %), though the torque error of motor 1 is 4"

@@ -191,8 +191,9 @@ def _small(errors: Validation) -> list[Reason]:
 
 
 def _precision(fitted: Estimate) -> Reason:
-    """How many parameters have a small standard error."""
-    good, count = [p.name for p in fitted.parameters if p.relative_se < QUOTABLE], len(fitted.free_parameters)
+    """How many parameters have a small standard error; none that only the rounding of the device file has made."""
+    invented, count = fitted.model.only_by_rounding, len(fitted.free_parameters)
+    good = [p.name for p in fitted.parameters if p.relative_se < QUOTABLE and p.name not in invented]
     if len(good) == count:
         return Reason("ok", f"all {count} have standard errors below {QUOTABLE:g} %")
     if not good:
