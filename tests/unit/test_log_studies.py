@@ -94,6 +94,25 @@ def test_the_estimate_does_not_depend_on_the_format(tmp_path: Path, kind: str, e
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+def test_arrays_of_messages_without_names_are_drafted_by_how_they_move(tmp_path: Path) -> None:
+    """Positions, their rates, torques and the time in one `Float64MultiArray`, as a controller's own node says them."""
+    rng, t, types = np.random.default_rng(3), np.arange(1500) * 2e-3, recorders.STORE.types
+    q = np.column_stack([np.sin(w * t) + 0.4 * np.cos(2.3 * w * t) for w in (3.0, 4.1, 5.3)])
+    rows = np.column_stack((q, np.gradient(q, t, axis=0), 3 * np.cos(q) + rng.standard_normal(q.shape), t))
+    layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    kind = "std_msgs/msg/Float64MultiArray"
+    sent = [
+        ("/robot/information", recorders.START + 2_000_000 * k, kind, types[kind](layout=layout, data=row))
+        for k, row in enumerate(rows)
+    ]
+    recorders.ros2(tmp_path / "log.bag", sent)
+    channels = tomllib.loads(survey(tmp_path / "log.bag").table)["channels"]
+    where = {"topic": "/robot/information", "field": "data"}
+    assert channels["position"] == {**where, "joints": [1, 2, 3], "unit": "rad"}
+    assert channels["velocity"] == {**where, "joints": [4, 5, 6], "unit": "rad/s"}
+    assert channels["torque"] == {**where, "joints": [7, 8, 9], "unit": "N m"}
+
+
 def test_the_printed_table_is_a_study(tmp_path: Path, expected: np.ndarray) -> None:
     """What `haptid channels` prints of a log in rad and N m can be pasted, and gives the same estimate."""
     study = recorded(tmp_path, "mcap")

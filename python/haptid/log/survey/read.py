@@ -41,6 +41,8 @@ from haptid.log.units import scale
 _MOST, _TOGETHER = 400, 16
 # Numbers of a table that is read as a whole, to recognise channels by how they move.
 _NUMBERS = 20_000_000
+# Messages of a topic that are, for the same.
+_MESSAGES = 20_000
 # A fraction of seconds reaches this, in any unit.
 _FRACTION = 500.0
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
@@ -133,10 +135,29 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
             for channel, topic in container.topics.items():
                 before = counted.get(topic.name, (topic, 0))[1]
                 counted[topic.name] = topic, before + container.counts.get(channel, 0)
-    return [
+    topics = [
         _topic(topic, count, rows.get(name), ranges.get(name, {}), stamps.get(name, []), late.get(name, []))
         for name, (topic, count) in sorted(counted.items())
     ]
+    known = any(channel.quantity == "position" for topic in topics for channel in topic.channels)
+    return topics if known else _by_movement(path, topics)
+
+
+def _by_movement(path: Path, topics: Sequence[TopicSurvey]) -> list[TopicSurvey]:
+    """Topics of arrays without names, as a `Float64MultiArray`, with channels that are recognised by how they move."""
+    parts: dict[str, dict[str, list[RawChannel]]] = {}
+    with opened_file(path, "message"):
+        for topic, batch, _ in batches(containers(path), None, most=_MESSAGES):
+            own = parts.setdefault(topic.name, {})
+            for name, values in batch.values.items():
+                if batch.present[name].all() and len(own) < _MOST:
+                    own.setdefault(name, []).append(values)
+    made = []
+    for topic in topics:
+        columns = {name: np.concatenate(values) for name, values in parts.get(topic.name, {}).items()}
+        found = _recognised(topic.channels, Content.of(columns))
+        made.append(replace(topic, channels=tuple(found)))
+    return made
 
 
 def _topic(
