@@ -118,6 +118,21 @@ class Spectrum:
         edge = float(self.f[np.searchsorted(velocity, _SHARE * velocity[-1])])
         return replace(self, motion=motion, noise=noise, bandwidth=edge)
 
+    def of_rounding(self) -> Spectrum:
+        """The same with no more noise below the end of the motion than rounding has there.
+
+        Just above the motion goes on, by dry friction for one, and what is found there is not all noise. Rounding is
+        white where a sample seldom has the step of the one before; in slower motion its power is in fewer frequencies.
+        Itself where the values lie on no lattice.
+        """
+        if not self.step:
+            return self
+        df, highest = self.f[1] - self.f[0], float(self.f[-1])
+        speed = float(np.sqrt(np.sum(self.motion * (2 * np.pi * self.f) ** 2) * df))
+        rounding = self.step**2 / 12 / min(highest, max(speed / self.step, df))
+        white = max(rounding, float(np.median(self.noise[self.f > 0.5 * highest])))
+        return replace(self, noise=np.minimum(self.noise, white))
+
     def balanced_cutoff(self, parallel_hz: float, lowest: float, highest: float) -> float:
         """Cut-off of the position filter, Hz, that leaves least squares on the filtered acceleration without bias.
 

@@ -2,9 +2,7 @@
 
 Noise in the columns attenuates parameters, a narrow filter inflates them. The balanced cut-off cancels both to first
 order; what is left is measured: noise like the encoders' is added once more, and positions are filtered once more.
-Of devices with springs the filter's is subtracted: the balance is of accelerations, and torsions are much smaller.
-Noise of positions that the controller acts on is less harmful than it is found to be: true positions follow the noise,
-and measured ones do not show it.
+Of devices with springs both are subtracted: the balance is of accelerations, and torsions are much smaller than these.
 
 Source: Cook and Stefanski (1994), Journal of the American Statistical Association 89, for simulation-extrapolation
 (SIMEX), of which this is the first difference.
@@ -18,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log
@@ -27,9 +26,8 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
 
-# The share of its own size within which each effect is known.
-_NOISE_KNOWN, _FILTER_KNOWN = 1.0, 0.5
-_FILTER = "position filter"
+# The share of its own size within which each effect is known: that of noise better where it is bounded by rounding.
+_NOISE_KNOWN, _NOISE_BOUNDED, _FILTER_KNOWN = 1.0, 0.5, 0.5
 # Share of the torque, per cent, by which the encoders' noise may change the predicted one.
 NOISY = 3.0
 
@@ -58,14 +56,21 @@ def noise_effect(
         twice = least_squares(_with_positions(rows, filtered))
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return {}
+    known = _known(rows.model)
     return {
-        "encoder noise": _NOISE_KNOWN * (0.5 * (more + less) - as_is)[None],
-        _FILTER: _FILTER_KNOWN * (twice - as_is)[None],
+        "encoder noise": known["encoder noise"] * (0.5 * (more + less) - as_is)[None],
+        "position filter": known["position filter"] * (twice - as_is)[None],
     }
 
 
+def _known(model: DynamicModel) -> Mapping[str, float]:
+    """The share of its own size within which each effect is known."""
+    noise = _NOISE_BOUNDED if model.device.elastic else _NOISE_KNOWN
+    return {"encoder noise": noise, "position filter": _FILTER_KNOWN}
+
+
 def without_bias(estimate: Estimate, effects: Mapping[str, Array]) -> tuple[Estimate, Mapping[str, Array]]:
-    """An estimate of a device with springs less its bias by the position filter, and what is uncertain then.
+    """An estimate of a device with springs less its bias by noise and filter, and what this leaves uncertain.
 
     Of other devices both are as they are. Inequality constraints move other parameters as well: of such an estimate
     nothing is subtracted, and all of the bias is uncertain.
@@ -74,20 +79,21 @@ def without_bias(estimate: Estimate, effects: Mapping[str, Array]) -> tuple[Esti
         estimate: by least squares.
         effects: standard errors by noise and filter, as `noise_effect` has them.
     """
-    own = estimate.quantities
+    own, known = estimate.quantities, _known(estimate.model)
     effects = {name: shift for name, shift in effects.items() if shift.shape[1] == len(own.values)}
-    if not estimate.model.device.elastic or _FILTER not in effects:
+    if not estimate.model.device.elastic:
         return estimate, effects
-    bias = effects[_FILTER] / _FILTER_KNOWN
+    whole = {name: shift / known[name] for name, shift in effects.items()}
     if estimate.constrained_fit is not None:
-        return estimate, {**effects, _FILTER: bias}
-    return replace(estimate, quantities=replace(own, values=read_only(own.values - bias[0]))), effects
+        return estimate, whole
+    values = own.values - sum((shift[0] for shift in whole.values()), np.zeros(len(own.values)))
+    return replace(estimate, quantities=replace(own, values=read_only(values))), effects
 
 
 def possible_noise(
     rows: Observation, beta: Array, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]]
 ) -> list[Array]:
-    """`encoder_noise`, of each channel no more than the residual of the torque can hold.
+    """`encoder_noise`, of each channel no more than rounding and the residual of the torque can hold.
 
     Noise in the columns is an error of the torque. A spectrum of positions alone takes it to be in the motion's band
     as it is just above, where motion may go on: of rotors that noise of the torque moves, for one. So each channel's
@@ -99,7 +105,8 @@ def possible_noise(
         logs: recordings.
         spectra: of each log's position channels.
     """
-    noise, left = encoder_noise(logs, spectra), _squares_left(rows, beta)
+    noise = encoder_noise(logs, [[one.of_rounding() for one in own] for own in spectra])
+    left = _squares_left(rows, beta)
 
     def explained(noise: Sequence[Array]) -> Array:
         return np.asarray(0.5 * sum(_squares_left(one, beta) for one in _moved(rows, logs, noise)) - left)

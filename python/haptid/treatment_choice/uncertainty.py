@@ -25,7 +25,7 @@ def with_treatment_uncertainty(
 ) -> Estimate:
     """An estimate whose covariance includes what its treatment leaves uncertain, each part in `nuisances`.
 
-    Of devices with springs it is less the bias by the position filter.
+    Of devices with springs it is less the bias by noise and position filter.
 
     Args:
         estimate: from logs that were treated as proposed.
