@@ -14,13 +14,14 @@ import haptid
 import small_study
 from diagnosed import phantom
 from haptid.advice import apply
-from haptid.advice.action import Action, Advice, told_apart
+from haptid.advice.action import CHANGES, MASKS, Action, Advice, told_apart
 from haptid.advice.advise import _travel_unit, advise
 from haptid.advice.edits import Edit
 from haptid.advice.recorder import faults
+from haptid.advice.search import _masks, search_of
 from haptid.study.identify import identify
 from haptid.study.read import read_study
-from motions import multisine
+from motions import multisine, truth
 
 
 def action(kind: str, after: float, adds: bool, **changes) -> Action:
@@ -165,3 +166,22 @@ def test_the_first_action_is_applied_alone_where_it_leaves_no_more(
     assert made is not None
     assert " ".join(one.kind for one in made.actions) == kept
     assert written[-1] == kept  # the files are those of the actions
+
+
+def test_friction_at_rest_is_no_contact() -> None:
+    """At both ends of the KR300's logs nothing moves, and its study keeps these rows: a hand was said to touch it."""
+    model, dt = small_study.two_links(), 1e-2
+    q, *_ = multisine(2, 20.0, dt, 1)
+    moves = np.clip(np.arange(q.shape[1]) * dt - 4.0, 0.0, 1.0)
+    q = q * (3 * moves**2 - 2 * moves**3)
+    qd = np.gradient(q, dt, axis=1)
+    tau = haptid.inverse_dynamics(model, truth(model) + 0.3, q, qd, np.gradient(qd, dt, axis=1))
+    motion = haptid.Motion(dt, q.T, tau.T, haptid.Treatment(10.0, decimation=2))
+    search = search_of(model, [motion], truth(model) + 0.3)
+    rests = search.rows.t < 3.5
+    for flagged, kind in ((rests, "rest"), (np.roll(rests, len(rests) // 2), "contact")):
+        search.__dict__["contact"] = flagged
+        (found,) = [one for one, _ in _masks(search)]
+        assert found.kind == kind
+    assert "rests" in CHANGES["rest"]
+    assert "rest" in MASKS

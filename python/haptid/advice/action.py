@@ -17,7 +17,7 @@ SHOWN = 6
 # Factor by which the first action lowers the error where it explains the rest, and by which the others leave more.
 _EXPLAINS = 3.0
 # Kinds that leave rows out.
-MASKS = ("dead torque", "noise alone", "stuck position", "contact", "slip", "limit cycle", "other log")
+MASKS = ("dead torque", "noise alone", "stuck position", "contact", "rest", "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.
 USE = "model for use"
 # What to do, by the kind of the change.
@@ -58,6 +58,7 @@ CHANGES: Mapping[str, str] = {
     "clipped torque": "leave out the parts in which the torque of {where} is clipped",
     "stuck position": "leave out the parts in which the position of {where} is stuck",
     "contact": "leave out the parts in which something touches {where}",
+    "rest": "leave out the parts in which {where} rests, where dry friction is anything up to its size",
     "slip": "leave out all but the longest part between slips of the transmission of {where}",
     "limit cycle": "leave out the parts in which {where}, held, goes back and forth",
     "other log": "leave out {where}, which is not of the device that the other logs are of",

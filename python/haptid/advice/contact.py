@@ -13,6 +13,9 @@ from haptid.advice.trial import Bench, Setting
 # state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
 _CONTACT, _CONTACT_S, _MOST_MASKED, _MOST_CONTACTS, _NEAR, _APART_S, _SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
 
+# Share of the usual speed below which a coordinate rests.
+_REST = 0.1
+
 
 def contact(rows: TrialRows, bench: Bench) -> np.ndarray:
     """Rows in which the residual is far above that of other rows in the same state of motion, (rows,).
@@ -52,6 +55,12 @@ def contact(rows: TrialRows, bench: Bench) -> np.ndarray:
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
     flagged = flagged & use
     return flagged if runs <= _MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
+
+
+def at_rest(rows: TrialRows) -> np.ndarray:
+    """Rows in which no coordinate moves at more than a few per cent of its usual speed, (rows,)."""
+    usual = np.sqrt(np.mean(rows.velocity**2, axis=1, keepdims=True))
+    return np.asarray((np.abs(rows.velocity) < _REST * usual).all(axis=0))
 
 
 def _quantile(power: Array) -> float:

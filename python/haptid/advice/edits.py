@@ -121,7 +121,7 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             there = down + np.linalg.norm(down) * tilt
             there = there * np.linalg.norm(down) / np.linalg.norm(there)
             yield Edit("device", "set", ("gravity",), [float(f"{x:.6g}") for x in there])
-        case "clipped torque" | "stuck position" | "contact" | "slip" | "limit cycle":
+        case "clipped torque" | "stuck position" | "contact" | "rest" | "slip" | "limit cycle":
             for number, ranges in excluded(search, found).items():
                 yield Edit("study", "exclude", ("logs", number), ranges)
         case "other log":
@@ -131,7 +131,7 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
 def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
     """Ranges of time, s, that a fault, a contact, slip or a limit cycle spoils, by log of the fit."""
     made: dict[int, list[list[float]]] = {}
-    if found.candidate.kind == "contact":
+    if found.candidate.kind in ("contact", "rest"):
         flagged = search.contact
         for k in np.unique(search.rows.log[flagged]):
             made[int(k)] = _ranges(search.rows.t, flagged & (search.rows.log == k))

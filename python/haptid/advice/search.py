@@ -13,7 +13,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
-from haptid.advice.contact import contact
+from haptid.advice.contact import at_rest, contact
 from haptid.advice.recorder import ChannelFault, faults, simulated_rows
 from haptid.advice.rows import BaseRows, TrialRows, trial_rows
 from haptid.advice.spoiled import SpoiledPart
@@ -48,6 +48,8 @@ _OF_A_JOINT = ("coulomb", "viscous", "spring")
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
 DEAD_ERROR = 0.15
+# Share of the rows of a contact at rest from which on it is none.
+_MOSTLY = 0.5
 # Factors between torque and model that cannot be distinguished from 1, on either side.
 SAME = 0.03
 
@@ -340,7 +342,8 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
     flagged = search.contact
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
-        yield TriedChange("contact", ("the device",), Setting(rows="clean")), mask
+        kind = "rest" if at_rest(rows)[flagged].mean() > _MOSTLY else "contact"
+        yield TriedChange(kind, ("the device",), Setting(rows="clean")), mask
 
 
 def _other_logs(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
