@@ -107,6 +107,7 @@ def test_a_cart_and_its_pole_are_drafted_by_letters(tmp_path: Path, header: str)
         ("t [s];a1 q-axis [A];a1 position [rad];a1 torque [Nm];torque constant [Nm/A]", (T, TAU, Q, TAU, 9 * TAU),
          ("t [s]", "s"), (["a1 position [rad]"], "rad"), (["a1 torque [Nm]"], "N m")),  # of a dynamometer
         ("t;rotor q [A];angle [rad]", (T, TAU, Q), ("t", "s"), (["angle [rad]"], "rad"), (["rotor q [A]"], "A")),
+        ("time;qb;wb;I", (T, Q, np.gradient(Q, T), TAU), ("time", "s"), (["qb"], "rad"), (["I"], "A")),
         ("t;cart_pos_m;FORCE_MN", (T, Q, 50 * TAU), ("t", "s"), (["cart_pos_m"], "m"), (["FORCE_MN"], "mN")),
         ("t;piston_pos;piston_force", (T, 50 * Q, TAU), ("t", "s"), (["piston_pos"], "mm"), (["piston_force"], "N")),
         ("t;angle_x;angle_y;tau_x;tau_y", (T, Q, Q, TAU, TAU), ("t", "s"), (["angle_x", "angle_y"], "rad"),

@@ -39,6 +39,9 @@ _DRIVE = ("duty", "voltage", "current", "")
 _DRIVE_UNITS = {"A": "current", "mA": "current", "V": "voltage", "mV": "voltage"}
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
+# An array of arrays; fewest channels of one that are repeats, and the share of their range by which their ends differ.
+_NESTED = re.compile(r"(?P<array>.*)\[(?P<outer>\d+)\]\[\d+\]")
+_REPEATS, _REPEATED = 3, 0.05
 # What is desired of a measured signal beside it, or its rate: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleD`.
 _DESIRED = re.compile(r"(?:_d|(?<=[a-z])D)(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
@@ -67,12 +70,14 @@ class ChannelFamily:
         """Usable, not wanted, of a known unit, measured, a torque and no current; then many, long ones, and not raw."""
         words = words_of(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
+        drive = drive_unit(words) or _DRIVE_UNITS.get(self.channels[0].unit, "")
+        no_torque = self.channels[0].quantity != "torque"  # of which `current_position` is the present one
         return (
             usable > 0,
             not words & WANTED_WORDS,
             not all(channel.unit == "counts" for channel in self.channels),
-            bool(words & MEASURED_WORDS),
-            _DRIVE.index(drive_unit(words) or _DRIVE_UNITS.get(self.channels[0].unit, "")),
+            bool(words & MEASURED_WORDS) or (no_torque and "current" in words),
+            _DRIVE.index("" if no_torque else drive),
             usable,
             min(channel.count for channel in self.channels),
             "raw" not in words,
@@ -133,6 +138,9 @@ class ChannelFamily:
 
 def _joint_words(name: str, family: Sequence[ChannelSurvey]) -> str:
     """The part of a channel's name that differs between the channels of its family: the joint's name."""
+    nested = [m["outer"] for c in family if (m := _NESTED.fullmatch(c.name))]
+    if len(set(nested)) == len(family) > 1:
+        return nested[[c.name for c in family].index(name)]
     split = {c.name: _SEPARATOR.split(m["element"] if (m := element_of(c.name)) else base_of(c.name)) for c in family}
     words, others = split[name], list(split.values())
     while len(words) > 2 and all(o[-2:] == words[-2:] for o in others) and _no_joint(words[-1], words[-2]):
@@ -166,7 +174,10 @@ def channel_families(
                 if _DESIRED.search(channel.name) and _DESIRED.sub("", channel.name) in all_names:
                     array += " desired"
                 arrays.setdefault(array, []).append(channel)
-        groups, place = _joined(arrays), {channel.name: k for k, channel in enumerate(topic.channels)}
+        groups, place = (
+            _joined(_of_repeats(arrays, topic)),
+            {channel.name: k for k, channel in enumerate(topic.channels)},
+        )
         for array, channels in (*groups.items(), *_of_unlike_names(groups)):
             kept = sorted((c for c in channels if not _is_copy(c, channels)), key=lambda c: place[c.name])
             found.append(ChannelFamily(topic, array, tuple(kept)))
@@ -196,6 +207,43 @@ def _without(name: str, joints: re.Pattern[str] | None) -> str:
     """A channel's name without that of its joint; whole where nothing but a number would be left of it."""
     short = joints.sub("#", name) if joints else name
     return short if words_of(short) else name
+
+
+def _of_repeats(arrays: dict[str, list[ChannelSurvey]], topic: TopicSurvey) -> dict[str, list[ChannelSurvey]]:
+    """Families, of `q[joint][sample]` the first samples of all joints where those of each position have one range.
+
+    So are samples that were taken several times at each pose, as by the gravity compensation of the dVRK, and runs that
+    were repeated. Torques are as the positions of their shape.
+    """
+    shapes = {
+        (len(groups), len(groups[0]))
+        for groups in _nested([channel for channel in topic.channels if channel.quantity == "position"]).values()
+        if _are_repeats(groups)
+    }
+    made = dict(arrays)
+    for name, groups in _nested([channel for own in arrays.values() for channel in own]).items():
+        if (len(groups), len(groups[0])) in shapes and len({len(own) for own in groups}) == 1:
+            made = {array: own for array, own in made.items() if own not in groups}
+            made[f"{name}[#]"] = [
+                replace(own[0], reason=f"{own[0].reason}; the first of {len(own)} that are alike") for own in groups
+            ]
+    return made
+
+
+def _nested(channels: Sequence[ChannelSurvey]) -> dict[str, list[list[ChannelSurvey]]]:
+    """Channels of arrays of arrays by the name of the outer one, a list for each of its elements."""
+    found: dict[str, dict[str, list[ChannelSurvey]]] = {}
+    for channel in channels:
+        if match := _NESTED.fullmatch(channel.name):
+            found.setdefault(match["array"], {}).setdefault(match["outer"], []).append(channel)
+    return {name: list(groups.values()) for name, groups in found.items()}
+
+
+def _are_repeats(groups: Sequence[Sequence[ChannelSurvey]]) -> bool:
+    """Whether the channels of each group have the same range."""
+    most = _REPEATED * max(c.high - c.low for own in groups for c in own)
+    ends = (abs(x) for own in groups for c in own for x in (c.low - own[0].low, c.high - own[0].high))
+    return len(groups) > 1 and min(map(len, groups)) >= _REPEATS and max(ends) <= most
 
 
 def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSurvey]]:

@@ -380,7 +380,8 @@ def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Cha
         elif channel.name in content.rates:
             channel = replace(channel, quantity="velocity")
         elif channel.name in torques:
-            unit, reason = unit_of("torque", frozenset(), largest, channel, "")
+            current = frozenset({"current"} if channel.name.rstrip("_0123456789") in ("i", "I") else ())
+            unit, reason = unit_of("torque", current, largest, channel, "")
             others = " or ".join(" to ".join(dict.fromkeys((group[0], group[-1]))) for group in left)
             reason = f"the first that is left beside positions and rates{others and ', or '}{others}; {reason}"
             channel = replace(channel, quantity="torque", unit=unit, reason=reason)
