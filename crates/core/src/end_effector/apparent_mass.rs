@@ -14,9 +14,9 @@ use crate::end_effector::jacobian::{
 use crate::error::{Error, expect_length};
 use crate::linalg::jacobi_svd::JacobiSvd;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
-use crate::memory::slot::PoseSlot;
+use crate::memory::slot::{POSES, PoseSlot, pose_lanes};
 use crate::simd::dispatch::dispatched;
-use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
 /// Which apparent masses to compute.
@@ -153,13 +153,12 @@ impl<'a> ApparentMassState<'a> {
     fn fill(&mut self, model: &EndEffectorModel, group: &PoseGroup, out: &mut [f64]) {
         let (query, na, n) = (self.query, model.mechanism.coordinates, self.query.free.len());
         let (r, m) = (query.masses(), query.rows.len());
-        // SAFETY: the buffers have been made for the query; pose slots have room for the widest lane.
-        unsafe { decompose(model.mechanism.backend, model, group, self) };
+        decompose(model.mechanism.backend, model, group, self);
         for (k, out) in out.chunks_exact_mut(query.width()).enumerate() {
             out.fill(f64::NAN);
             out[0] = self.svd.condition.0[k];
             let known = out[0] <= query.max_condition && self.svd.definite.0[k] == 1.0;
-            self.order.sort_unstable_by(|&a, &b| self.svd.masses[b].0[k].total_cmp(&self.svd.masses[a].0[k]));
+            self.sort(k);
             for (place, &e) in self.order.iter().enumerate() {
                 let direction = &self.svd.directions[e * m..][..m];
                 // The component of largest magnitude is positive.
@@ -172,6 +171,9 @@ impl<'a> ApparentMassState<'a> {
                         *to = sign * from.0[k];
                     }
                 }
+                if query.factor_columns == 0 {
+                    continue;
+                }
                 for (a, &coordinate) in query.free.iter().enumerate() {
                     self.rates[place * na + coordinate].0[k] =
                         if known { sign * self.svd.rates[e * n + a].0[k] } else { 0.0 };
@@ -179,9 +181,21 @@ impl<'a> ApparentMassState<'a> {
             }
         }
         if query.factor_columns > 0 {
-            // SAFETY: as above.
+            // SAFETY: the buffers have been made for the query; pose slots have room for whole lanes.
             unsafe { changes(model.mechanism.backend, model, group, self) };
             self.covariance(out);
+        }
+    }
+
+    /// Order the triplets of a pose, from an earlier one's order: few are in another.
+    fn sort(&mut self, k: usize) {
+        for end in 1..self.order.len() {
+            let mass = |e: usize| self.svd.masses[e].0[k];
+            let mut place = end;
+            while place > 0 && mass(self.order[place - 1]) < mass(self.order[place]) {
+                self.order.swap(place - 1, place);
+                place -= 1;
+            }
         }
     }
 
@@ -190,7 +204,7 @@ impl<'a> ApparentMassState<'a> {
         let (r, m, s) = (self.query.masses(), self.query.rows.len(), self.query.factor_columns);
         let pairs = (0..r).flat_map(|i| (i..r).map(move |j| (i, j)));
         for (at, (i, j)) in pairs.enumerate() {
-            let mut sum = [0.0; MAX_WIDTH];
+            let mut sum = [0.0; POSES];
             for (left, right) in self.change[i * s..][..s].iter().zip(&self.change[j * s..][..s]) {
                 for (sum, (left, right)) in sum.iter_mut().zip(left.0.iter().zip(&right.0)) {
                     *sum += left * right;
@@ -206,31 +220,26 @@ impl<'a> ApparentMassState<'a> {
 }
 
 dispatched! {
-    unsafe fn decompose =
+    fn decompose =
         decompose_in_lanes(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState)
 }
 
 #[inline(always)]
-unsafe fn decompose_in_lanes<T: Lane>(
+fn decompose_in_lanes<T: Lane>(
     simd: Simd<T>,
     model: &EndEffectorModel,
     group: &PoseGroup,
     state: &mut ApparentMassState,
 ) {
     let (query, na) = (state.query, model.mechanism.coordinates);
-    for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
-        // SAFETY: the loop over k leaves room for a lane in pose slots.
-        unsafe {
-            state.svd.solve(
-                simd,
-                |row, a| &group.jacobian[query.rows[row] * na + query.free[a]],
-                |a, b| &group.mass[query.free[a] * na + query.free[b]],
-                k,
-            );
-            if query.factor_columns > 0 {
-                state.svd.unit_speed_rates(simd, k);
-            }
-        }
+    state.svd.solve(
+        simd,
+        |row, a| &group.jacobian[query.rows[row] * na + query.free[a]],
+        |a, b| &group.mass[query.free[a] * na + query.free[b]],
+    );
+    if query.factor_columns > 0 {
+        // SAFETY: `pose_lanes` leaves room for a lane in pose slots.
+        pose_lanes(simd).for_each(|k| unsafe { state.svd.unit_speed_rates(simd, k) });
     }
 }
 
@@ -247,7 +256,7 @@ unsafe fn changes_in_lanes<T: Lane>(
 ) {
     state.change.fill(PoseSlot::ZERO);
     let (na, s) = (model.mechanism.coordinates, state.query.factor_columns);
-    for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
+    for k in pose_lanes(simd) {
         for (rates, change) in state.rates.chunks_exact(na).zip(state.change.chunks_exact_mut(s)) {
             for (i, columns) in state.uncertain.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
                 // SAFETY: the loop over k leaves room for a lane in pose slots, here and below.

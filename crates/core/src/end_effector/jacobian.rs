@@ -4,15 +4,15 @@
 //! regressor, without motion: `A[a, b] = sum_i s_i^a . I_i s_i^b`, and the end-effector velocity is that of a point of
 //! its link (Featherstone 2008, sections 6.2 and 2.9). Lanes of poses are computed together.
 //!
-//! Safety: pose slots have [`MAX_WIDTH`] numbers; unsafe functions take a `k` with `k + T::WIDTH <= MAX_WIDTH`.
+//! Safety: pose slots have [`POSES`] numbers; unsafe functions take a `k` with `k + T::WIDTH <= POSES`.
 
 use crate::error::{Error, expect_length};
 use crate::linalg::vector::{Vector, cross_add, dot, zero};
 use crate::mechanism::transform::JointTransform;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
-use crate::memory::slot::PoseSlot;
+use crate::memory::slot::{POSES, PoseSlot, pose_lanes};
 use crate::simd::dispatch::dispatched;
-use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 use rayon::prelude::*;
 
@@ -130,16 +130,18 @@ impl PoseGroup {
     pub(crate) fn new(model: &EndEffectorModel) -> PoseGroup {
         let (n, na) = (model.mechanism.links.len(), model.mechanism.coordinates);
         let zeros = |len| vec![PoseSlot::ZERO; len];
+        let constant = |rates: &[f64]| rates.iter().map(|&rate| PoseSlot([rate; POSES])).collect();
+        let varying = model.poses.rates.len() != n * na;
         PoseGroup {
             position: zeros(n),
-            rates: zeros(n * na),
+            rates: if varying { zeros(n * na) } else { constant(model.poses.rates) },
             axes: vec![[PoseSlot::ZERO; 6]; model.mechanism.axes],
             jacobian: zeros(COMPONENTS * na),
             mass: zeros(na * na),
         }
     }
 
-    /// Evaluate poses `from..from + count`, at most [`MAX_WIDTH`]; the last one is repeated up to a whole lane.
+    /// Evaluate poses `from..from + count`, at most [`POSES`]; the last one is repeated up to the end.
     pub(crate) fn evaluate(&mut self, model: &EndEffectorModel, from: usize, count: usize) {
         let samples = model.poses.samples;
         let stage = |slots: &mut [PoseSlot], data: &[f64]| {
@@ -150,9 +152,7 @@ impl PoseGroup {
             }
         };
         stage(&mut self.position, model.poses.position);
-        if model.poses.rates.len() == self.rates.len() {
-            self.rates.iter_mut().zip(model.poses.rates).for_each(|(slot, &rate)| slot.0.fill(rate));
-        } else {
+        if model.poses.rates.len() != self.rates.len() {
             stage(&mut self.rates, model.poses.rates);
         }
         // SAFETY: the group has been made for the model, so that every link, axis and coordinate has its slots.
@@ -166,7 +166,7 @@ dispatched! {
 
 #[inline(always)]
 unsafe fn carry_in_lanes<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut PoseGroup) {
-    for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
+    for k in pose_lanes(simd) {
         // SAFETY: the loop leaves room for a lane in pose slots.
         unsafe { carry_lane(simd, model, group, k) };
     }
@@ -176,7 +176,7 @@ unsafe fn carry_in_lanes<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group
 ///
 /// # Safety
 ///
-/// `k + T::WIDTH <= MAX_WIDTH`.
+/// `k + T::WIDTH <= POSES`.
 #[inline(always)]
 pub(crate) unsafe fn load_pose_axis<T: Lane>(simd: Simd<T>, axis: &[PoseSlot; 6], k: usize) -> (Vector<T>, Vector<T>) {
     // SAFETY: the caller's promise.
@@ -216,11 +216,17 @@ unsafe fn carry_lane<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &m
                 add_body(simd, model, group, i, k);
             }
         }
+        for a in 0..na {
+            for b in 0..a {
+                let entry = group.mass[a * na + b].load(simd, k);
+                group.mass[b * na + a].store(k, entry);
+            }
+        }
         end_effector_rows(simd, model, group, &base, k);
     }
 }
 
-/// Contribution of one body to the mass matrix: its momentum under every axis, contracted with every axis.
+/// Contribution of one body to the mass matrix, on and below its diagonal: its momentum under every axis, contracted with every axis.
 #[inline(always)]
 unsafe fn add_body<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut PoseGroup, i: usize, k: usize) {
     let (link, na) = (&model.mechanism.links[i], model.mechanism.coordinates);
@@ -241,12 +247,9 @@ unsafe fn add_body<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut
             let (x, u) = unsafe { load_pose_axis(simd, &group.axes[link.first + a], k) };
             let entry = dot(x, angular).add(dot(u, linear));
             let (a, b) = (left.coordinate, right.coordinate);
-            let both = [a * na + b, b * na + a];
-            for &at in &both[..if a == b { 1 } else { 2 }] {
-                let slot = &mut group.mass[at];
-                // SAFETY: as above.
-                unsafe { slot.store(k, slot.load(simd, k).add(entry)) };
-            }
+            let slot = &mut group.mass[a.max(b) * na + a.min(b)];
+            // SAFETY: as above.
+            unsafe { slot.store(k, slot.load(simd, k).add(entry)) };
         }
     }
 }
@@ -286,8 +289,8 @@ pub(crate) fn for_each_group<S>(
 ) {
     let share = |(index, part): (usize, &mut [f64])| {
         let (mut group, mut state) = (PoseGroup::new(model), start());
-        for (g, rows) in part.chunks_mut(MAX_WIDTH * width).enumerate() {
-            let (from, count) = (index * SHARE + g * MAX_WIDTH, rows.len() / width);
+        for (g, rows) in part.chunks_mut(POSES * width).enumerate() {
+            let (from, count) = (index * SHARE + g * POSES, rows.len() / width);
             group.evaluate(model, from, count);
             work(&group, &mut state, rows);
         }
@@ -363,7 +366,7 @@ pub(crate) fn check_indices(name: &'static str, indices: &[usize], limit: usize)
 ///
 /// # Safety
 ///
-/// `k + T::WIDTH <= MAX_WIDTH`.
+/// `k + T::WIDTH <= POSES`.
 #[inline(always)]
 pub(crate) unsafe fn link_velocity<T: Lane>(
     simd: Simd<T>,

@@ -1,10 +1,10 @@
 //! Singular values and vectors of `J L^-T` with `A = L L'` (J the Jacobian, A the mass matrix of a pose), by one-sided
-//! Jacobi rotations, for a lane of poses together.
+//! Jacobi rotations, for a group of poses together.
 //!
-//! Safety: pose slots have [`crate::simd::lane::MAX_WIDTH`] numbers; unsafe functions take a `k` with
-//! `k + T::WIDTH <= MAX_WIDTH`, and matrices of the size that the decomposition was made for.
+//! Safety: pose slots have [`crate::memory::slot::POSES`] numbers; unsafe functions take a `k` with
+//! `k + T::WIDTH <= POSES`.
 
-use crate::memory::slot::PoseSlot;
+use crate::memory::slot::{PoseSlot, pose_lanes};
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -62,45 +62,49 @@ impl JacobiSvd {
 
     /// Determine condition number, masses and directions; `jacobian(row, a)` and `mass(a, b)` for `b <= a` are entries.
     #[inline(always)]
-    pub(crate) unsafe fn solve<'s, T: Lane>(
+    pub(crate) fn solve<'s, T: Lane>(
         &mut self,
         simd: Simd<T>,
         jacobian: impl Fn(usize, usize) -> &'s PoseSlot,
         mass: impl Fn(usize, usize) -> &'s PoseSlot,
-        k: usize,
     ) {
         let (m, n) = (self.m, self.n);
-        // SAFETY: the caller's promise about k, here and below.
-        unsafe {
-            let definite = self.decompose(simd, mass, k);
-            self.definite.store(k, definite);
-            for row in 0..m {
-                for a in 0..n {
-                    let entry = jacobian(row, a).load(simd, k);
-                    let mut rest = entry;
-                    for b in 0..a {
-                        let known = self.columns[row * n + b].load(simd, k);
-                        rest = self.factor[a * n + b].load(simd, k).fnma(known, rest);
+        self.decompose(simd, mass);
+        for row in 0..m {
+            for a in 0..n {
+                let (entries, at) = (jacobian(row, a), if m <= n { row * n + a } else { a * m + row });
+                for k in pose_lanes(simd) {
+                    // SAFETY: `pose_lanes` leaves room for a lane, here and below.
+                    unsafe {
+                        let entry = entries.load(simd, k);
+                        let mut rest = entry;
+                        for b in 0..a {
+                            let known = self.columns[row * n + b].load(simd, k);
+                            rest = self.factor[a * n + b].load(simd, k).fnma(known, rest);
+                        }
+                        let made = rest.mul(self.factor[a * n + a].load(simd, k));
+                        self.columns[row * n + a].store(k, made);
+                        self.plain.entries[at].store(k, entry);
+                        self.weighted.entries[at].store(k, made);
                     }
-                    let made = rest.mul(self.factor[a * n + a].load(simd, k));
-                    self.columns[row * n + a].store(k, made);
-                    let at = if m <= n { row * n + a } else { a * m + row };
-                    self.plain.entries[at].store(k, entry);
-                    self.weighted.entries[at].store(k, made);
                 }
             }
-            // Together: the rotations of one wait for square roots, while the other's go on.
-            self.weighted.begin_rotations(simd, k);
-            let (mut plain, mut weighted) = (true, true);
-            for _ in 0..MAX_SWEEPS {
-                (plain, weighted) = self.sweep(simd, plain, weighted, k);
-                if !plain && !weighted {
-                    break;
-                }
+        }
+        self.weighted.begin_rotations();
+        let (mut plain, mut weighted) = (true, true);
+        for _ in 0..MAX_SWEEPS {
+            (plain, weighted) = self.sweep(simd, plain, weighted);
+            if !plain && !weighted {
+                break;
             }
-            let condition = self.plain.extent(simd, k);
-            self.condition.store(k, condition);
-            self.triplets_of_vectors(simd, k);
+        }
+        for k in pose_lanes(simd) {
+            // SAFETY: as above.
+            unsafe {
+                let condition = self.plain.extent(simd, k);
+                self.condition.store(k, condition);
+                self.triplets_of_vectors(simd, k);
+            }
         }
     }
 
@@ -128,38 +132,36 @@ impl JacobiSvd {
         }
     }
 
-    /// Cholesky decomposition A = L L': one where A is positive definite, else zero.
+    /// Cholesky decomposition A = L L', and where A is positive definite.
     #[inline(always)]
-    unsafe fn decompose<'s, T: Lane>(
-        &mut self,
-        simd: Simd<T>,
-        mass: impl Fn(usize, usize) -> &'s PoseSlot,
-        k: usize,
-    ) -> T {
+    fn decompose<'s, T: Lane>(&mut self, simd: Simd<T>, mass: impl Fn(usize, usize) -> &'s PoseSlot) {
         let n = self.n;
-        let mut definite = simd.splat(1.0);
+        self.definite.0.fill(1.0);
         for a in 0..n {
             for b in 0..=a {
-                // SAFETY: the caller's promise about k.
-                unsafe {
-                    let entry = mass(a, b).load(simd, k);
-                    let mut rest = entry;
-                    for c in 0..b {
-                        let other = self.factor[b * n + c].load(simd, k);
-                        rest = self.factor[a * n + c].load(simd, k).fnma(other, rest);
+                let entries = mass(a, b);
+                for k in pose_lanes(simd) {
+                    // SAFETY: `pose_lanes` leaves room for a lane.
+                    unsafe {
+                        let entry = entries.load(simd, k);
+                        let mut rest = entry;
+                        for c in 0..b {
+                            let other = self.factor[b * n + c].load(simd, k);
+                            rest = self.factor[a * n + c].load(simd, k).fnma(other, rest);
+                        }
+                        let made = if a == b {
+                            let least = entry.xor_sign(entry).mul(simd.splat(LEAST_PIVOT));
+                            let so_far = self.definite.load(simd, k);
+                            self.definite.store(k, T::select_gt(rest, least, so_far, simd.splat(0.0)));
+                            simd.splat(1.0).div(rest.sqrt())
+                        } else {
+                            rest.mul(self.factor[b * n + b].load(simd, k))
+                        };
+                        self.factor[a * n + b].store(k, made);
                     }
-                    let made = if a == b {
-                        let least = entry.xor_sign(entry).mul(simd.splat(LEAST_PIVOT));
-                        definite = T::select_gt(rest, least, definite, simd.splat(0.0));
-                        simd.splat(1.0).div(rest.sqrt())
-                    } else {
-                        rest.mul(self.factor[b * n + b].load(simd, k))
-                    };
-                    self.factor[a * n + b].store(k, made);
                 }
             }
         }
-        definite
     }
 
     /// Masses and directions of the orthogonal vectors.
@@ -184,16 +186,19 @@ impl JacobiSvd {
         }
     }
 
-    /// One sweep over all pairs of both sets that still turn (Hestenes 1958); which of them has turned.
+    /// One sweep over all pairs of both sets that still turn (Hestenes 1958); which of them has turned. The rotations of
+    /// one set, or lane, wait for square roots, while the others' go on.
     #[inline(always)]
-    unsafe fn sweep<T: Lane>(&mut self, simd: Simd<T>, plain: bool, weighted: bool, k: usize) -> (bool, bool) {
+    fn sweep<T: Lane>(&mut self, simd: Simd<T>, plain: bool, weighted: bool) -> (bool, bool) {
         let mut turned = (false, false);
         for e in 0..self.triplets() {
             for f in e + 1..self.triplets() {
-                // SAFETY: the caller's promise about k.
-                unsafe {
-                    turned.0 |= plain && self.plain.rotate_pair::<T, false>(simd, e, f, k);
-                    turned.1 |= weighted && self.weighted.rotate_pair::<T, true>(simd, e, f, k);
+                for k in pose_lanes(simd) {
+                    // SAFETY: `pose_lanes` leaves room for a lane.
+                    unsafe {
+                        turned.0 |= plain && self.plain.rotate_pair::<T, false>(simd, e, f, k);
+                        turned.1 |= weighted && self.weighted.rotate_pair::<T, true>(simd, e, f, k);
+                    }
                 }
             }
         }
@@ -217,12 +222,9 @@ impl Vectors {
         Vectors { count, long, entries: zeros(count * long), rotations: zeros(count * count) }
     }
 
-    #[inline(always)]
-    unsafe fn begin_rotations<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
+    fn begin_rotations(&mut self) {
         for (at, slot) in self.rotations.iter_mut().enumerate() {
-            let entry = if at % (self.count + 1) == 0 { 1.0 } else { 0.0 };
-            // SAFETY: the caller's promise about k.
-            unsafe { slot.store(k, simd.splat(entry)) };
+            slot.0.fill(if at % (self.count + 1) == 0 { 1.0 } else { 0.0 });
         }
     }
 
@@ -275,13 +277,14 @@ impl Vectors {
             if T::select_gt(square, bound, one, none).sum() == 0.0 {
                 return false;
             }
-            // Tangent of the angle, the smaller of the two solutions of t^2 + 2 zeta t = 1, zeta = (qq - pp) / (2 pq).
+            // The smaller of the two angles whose tangent solves t^2 + 2 zeta t = 1, zeta = (qq - pp) / (2 pq): cosine and
+            // sine by one quotient, of which nothing cancels.
             let (gap, twice) = (qq.sub(pp), pq.add(pq));
             let root = gap.fma(gap, twice.mul(twice)).sqrt();
-            let t = twice.xor_sign(gap).div(gap.xor_sign(gap).add(root));
-            let t = T::select_gt(square, bound, t, none);
-            let c = one.div(t.fma(t, one).sqrt());
-            let s = c.mul(t);
+            let across = gap.xor_sign(gap).add(root);
+            let inverse = one.div(across.mul(root.add(root)).sqrt());
+            let c = T::select_gt(square, bound, across.mul(inverse), one);
+            let s = T::select_gt(square, bound, twice.xor_sign(gap).mul(inverse), none);
             let turn = |p: &mut PoseSlot, q: &mut PoseSlot| {
                 let (x, y) = (p.load(simd, k), q.load(simd, k));
                 p.store(k, s.fnma(y, c.mul(x)));

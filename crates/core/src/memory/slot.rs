@@ -21,22 +21,25 @@ impl Default for Slot {
     }
 }
 
-/// One quantity at a group of poses: as many as the widest lane has, aligned so that no lane crosses a cache line.
+/// Poses in a group: two of the widest lanes, so that one goes on while the other waits for a square root.
+pub(crate) const POSES: usize = 2 * MAX_WIDTH;
+
+/// One quantity at a group of poses, aligned so that no lane crosses a cache line.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(crate) struct PoseSlot(pub(crate) [f64; MAX_WIDTH]);
+pub(crate) struct PoseSlot(pub(crate) [f64; POSES]);
 
 impl PoseSlot {
-    pub(crate) const ZERO: PoseSlot = PoseSlot([0.0; MAX_WIDTH]);
+    pub(crate) const ZERO: PoseSlot = PoseSlot([0.0; POSES]);
 
     /// The lane from pose `k` on.
     ///
     /// # Safety
     ///
-    /// `k + T::WIDTH <= MAX_WIDTH`.
+    /// `k + T::WIDTH <= POSES`.
     #[inline(always)]
     pub(crate) unsafe fn load<T: Lane>(&self, simd: Simd<T>, k: usize) -> T {
-        debug_assert!(k + T::WIDTH <= MAX_WIDTH);
+        debug_assert!(k + T::WIDTH <= POSES);
         // SAFETY: the caller's promise.
         unsafe { simd.load(self.0.as_ptr().add(k)) }
     }
@@ -48,7 +51,7 @@ impl PoseSlot {
     /// As for [`PoseSlot::load`].
     #[inline(always)]
     pub(crate) unsafe fn store<T: Lane>(&mut self, k: usize, lane: T) {
-        debug_assert!(k + T::WIDTH <= MAX_WIDTH);
+        debug_assert!(k + T::WIDTH <= POSES);
         // SAFETY: the caller's promise.
         unsafe { lane.store(self.0.as_mut_ptr().add(k)) };
     }
@@ -76,6 +79,12 @@ pub(crate) unsafe fn store<T: Lane, const N: usize>(first: *mut Slot, k: usize, 
         // SAFETY: as in [`load`].
         unsafe { lane.store(first.add(e).cast::<f64>().add(k)) };
     }
+}
+
+/// First poses of a group's lanes.
+#[inline(always)]
+pub(crate) fn pose_lanes<T: Lane>(_: Simd<T>) -> impl Iterator<Item = usize> {
+    (0..POSES / T::WIDTH).map(|lane| lane * T::WIDTH)
 }
 
 /// Extend a buffer to at least this length; the present items are kept.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -91,10 +92,7 @@ def apparent_mass(
     def of(part: Array) -> Array:
         return np.asarray(_core.apparent_mass(*core_arguments(identified, part), **settings))
 
-    # The core has threads of its own, but a loop that is not linear is followed from pose to pose by one.
-    workers = min(len(parts), _AT_ONCE, int(os.environ.get("RAYON_NUM_THREADS") or os.cpu_count() or 1))
-    with ThreadPoolExecutor(max(workers, 1)) as pool:
-        found = np.concatenate(list(pool.map(of, parts)))
+    found = of(qa) if len(parts) == 1 else np.concatenate(_together(of, parts))
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
     directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
@@ -112,6 +110,13 @@ def apparent_mass(
         condition=condition[:, 0],
         worst=worst_condition,
     )
+
+
+def _together(of: Callable[[Array], Array], parts: list[Array]) -> list[Array]:
+    """A function of each part, by threads: the core has its own, but one follows a loop that is not linear."""
+    workers = min(len(parts), _AT_ONCE, int(os.environ.get("RAYON_NUM_THREADS") or os.cpu_count() or 1))
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(of, parts))
 
 
 def core_arguments(
