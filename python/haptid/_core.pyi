@@ -51,6 +51,18 @@ def real_rows(
 def triangles(rows: Array) -> Array:
     """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
 
+def extreme_eigenvalues(matrix: Array) -> tuple[float, float]:
+    """The smallest and the largest eigenvalue of a symmetric matrix, to rounding of the larger in magnitude.
+
+    NaN where an entry is not finite.
+    """
+
+def smooth_condition(matrix: Array, power: int) -> tuple[float, Array] | None:
+    """log(tr C^power tr C^-power) / (2 power) of a positive definite matrix, and its derivative by C, (k, k).
+
+    None where C is not positive definite, or nearly singular.
+    """
+
 def end_effector_dynamics(
     mechanism: Mechanism,
     position: Array,
@@ -272,11 +284,12 @@ class Mechanism:
         acceleration: Array,
         external: Array,
         columns: Sequence[int],
+        factors: Array,
         loops: Array | None = None,
     ) -> Array:
-        """Inner products of the chosen columns over the samples, of every coordinate's torque.
+        """Inner products of the chosen columns over the samples and all coordinates' torques, (columns, columns).
 
-        Shape (coordinates, columns, columns).
+        Entries of a coordinate's columns are multiplied by `factors`, (coordinates, columns), first.
         """
 
     def form_slopes(
@@ -286,13 +299,14 @@ class Mechanism:
         acceleration: Array,
         external: Array,
         columns: Sequence[int],
-        forms: Array,
+        form: Array,
+        factors: Array,
         loops: Array | None = None,
     ) -> Array:
         """Slopes of the sum over coordinates of y' F y by every channel, at each sample, (channels, samples).
 
-        y are the chosen columns of a coordinate's torque, and F its form, of (coordinates, columns, columns). Channels
-        are positions, velocities, accelerations, external and loops, in this order.
+        y are the chosen columns of a coordinate's torque, times their `factors`, (coordinates, columns), and F is the
+        form, (columns, columns). Channels are positions, velocities, accelerations, external and loops, in this order.
         """
 
     def torque_slopes(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
+from haptid import _core
 from haptid.experiment import bench
 from haptid.experiment.excitation import (
     AverageVariance,
@@ -132,6 +133,27 @@ def test_small_powers_have_the_cost_and_slope_of_the_eigenvalues(power):
         np.testing.assert_allclose(B, near_B, atol=1e-6 * np.abs(near_B).max())
     condition = np.linalg.cond(V)  # that of V'V is its square
     assert RawCondition().value(V.T @ V) == pytest.approx(np.log(condition), abs=np.finfo(float).eps * condition**2)
+
+
+@pytest.mark.parametrize("size", [1, 7, 48])
+def test_condition_numbers_of_the_core_are_those_of_the_eigenvalues(size):
+    V = np.random.default_rng(size).normal(size=(60, size)) * np.logspace(-3, 2, size)
+    C = V.T @ V
+    wanted = np.linalg.eigvalsh(C)
+    np.testing.assert_allclose(_core.extreme_eigenvalues(C), wanted[[0, -1]], atol=1e-15 * size * wanted[-1])
+    cost, slope = _core.smooth_condition(V.T @ V / np.outer(*[np.linalg.norm(V, axis=0)] * 2), 2)
+    near = np.linalg.eigvalsh(C / np.outer(*[np.linalg.norm(V, axis=0)] * 2))
+    assert cost == pytest.approx(np.log((near**2).sum() * (near**-2.0).sum()) / 4, rel=1e-9, abs=1e-14)
+    np.testing.assert_allclose(slope, slope.T, atol=1e-9 * np.abs(slope).max())
+    with pytest.raises(ValueError, match="it must be square"):
+        _core.extreme_eigenvalues(np.ones((size, size + 1)))
+    with pytest.raises(ValueError, match="power"):
+        _core.smooth_condition(C, 0)
+
+
+def test_a_motion_without_any_information_has_a_cost():
+    """The least that is told apart, not a division by zero."""
+    assert RawCondition().value(np.zeros((3, 3))) == pytest.approx(-np.log(1e-13) / 2)
 
 
 @pytest.mark.parametrize("stroke", [1.0, 1e-3, 0.0], ids=["wide", "narrow", "still"])

@@ -73,6 +73,11 @@ def difference(value, channels: list[np.ndarray], channel: int) -> np.ndarray:
     return (value(moved(channels, channel, STEP)) - value(moved(channels, channel, -STEP))) / (2 * STEP)
 
 
+def formed(rows: np.ndarray, form: np.ndarray) -> np.ndarray:
+    """A quadratic form, summed over all torques' rows."""
+    return np.einsum("apk,pq,aqk->k", rows, form, rows)
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     mechanism=mechanisms(7),
@@ -87,19 +92,19 @@ def test_slopes_are_differences_of_the_rows(backend, mechanism, samples, varying
     channels = motion(mechanism, loops, samples, rng)
     chosen = [int(c) for c in rng.permutation(core.columns)[: rng.integers(1, core.columns + 1)]]
     chi = rng.normal(size=len(chosen))
-    forms = rng.normal(size=(core.coordinates, len(chosen), len(chosen)))
+    form, factors = rng.normal(size=(len(chosen),) * 2), rng.normal(size=(core.coordinates, len(chosen)))
 
     def rows(x: list[np.ndarray]) -> np.ndarray:
         return core.regressor(*x[:4], chosen, x[4])
 
     of_torque = core.torque_slopes(*channels[:4], chosen, chi.tolist(), channels[4])
-    of_form = core.form_slopes(*channels[:4], chosen, forms, channels[4])
+    of_form = core.form_slopes(*channels[:4], chosen, form, factors, channels[4])
     size = 1.0 + np.abs(rows(channels)).max()
     for c in range(len(np.concatenate(channels))):
         torque = difference(lambda x: np.einsum("apk,p->ak", rows(x), chi), channels, c)
         np.testing.assert_allclose(of_torque[:, c], torque, atol=TOLERANCE * size**2)
-        form = difference(lambda x: np.einsum("apk,apq,aqk->k", rows(x), forms, rows(x)), channels, c)
-        np.testing.assert_allclose(of_form[c], form, rtol=1e-6, atol=TOLERANCE * size**3 * len(chosen))
+        along = difference(lambda x: formed(factors[:, :, None] * rows(x), form), channels, c)
+        np.testing.assert_allclose(of_form[c], along, rtol=1e-6, atol=TOLERANCE * size**3 * len(chosen))
 
 
 @pytest.mark.parametrize("backend", _core.backends())
@@ -112,8 +117,11 @@ def test_inner_products_are_those_of_the_regressor(backend, samples):
     for many in (1, 2, 31, core.columns):
         chosen = [int(c) for c in rng.permutation(core.columns)[:many]]
         Y = core.regressor(*channels[:4], chosen)
-        wanted = Y @ Y.transpose(0, 2, 1)
-        found = core.inner_products(*channels[:4], chosen)
+        factors = rng.normal(size=(core.coordinates, many))
+        factors[1] = 0.0
+        Y *= factors[:, :, None]
+        wanted = (Y @ Y.transpose(0, 2, 1)).sum(axis=0)
+        found = core.inner_products(*channels[:4], chosen, factors)
         np.testing.assert_allclose(found, wanted, atol=1e-13 * max(1.0, np.abs(wanted).max(initial=0.0)))
 
 
@@ -123,13 +131,14 @@ def test_a_long_motion_in_parts_is_a_short_one():
     c, cd, cdd = states(mechanism, 5000)
     none, columns = np.zeros((0, 5000)), list(range(core.columns))
     chi = mechanism.chi.tolist()
-    forms = np.random.default_rng(0).normal(size=(core.coordinates, core.columns, core.columns))
+    form = np.random.default_rng(0).normal(size=(core.columns, core.columns))
+    factors = np.random.default_rng(1).normal(size=(core.coordinates, core.columns))
     torque = core.torque_slopes(c, cd, cdd, none, columns, chi)
-    form = core.form_slopes(c, cd, cdd, none, columns, forms)
+    slopes = core.form_slopes(c, cd, cdd, none, columns, form, factors)
     some = slice(3001, 3012)
     part = [np.ascontiguousarray(x[:, some]) for x in (c, cd, cdd, none)]
     np.testing.assert_array_equal(core.torque_slopes(*part, columns, chi), torque[:, :, some])
-    np.testing.assert_array_equal(core.form_slopes(*part, columns, forms), form[:, some])
+    np.testing.assert_array_equal(core.form_slopes(*part, columns, form, factors), slopes[:, some])
 
 
 def test_wrong_shapes_are_rejected():
@@ -137,9 +146,12 @@ def test_wrong_shapes_are_rejected():
     core = mechanism.core()
     c, cd, cdd = states(mechanism, 4)
     none = np.zeros((0, 4))
-    with pytest.raises(ValueError, match="matrices have shape"):
-        core.form_slopes(c, cd, cdd, none, [0, 1], np.zeros((core.coordinates, 2, 3)))
+    factors = np.ones((core.coordinates, 2))
+    with pytest.raises(ValueError, match="form has length 6, wanted 4"):
+        core.form_slopes(c, cd, cdd, none, [0, 1], np.zeros((2, 3)), factors)
+    with pytest.raises(ValueError, match="factors has length 3, wanted"):
+        core.form_slopes(c, cd, cdd, none, [0, 1], np.zeros((2, 2)), np.ones((1, 3)))
     with pytest.raises(ValueError, match="chi has length 3, wanted 2"):
         core.torque_slopes(c, cd, cdd, none, [0, 1], [1.0] * 3)
     with pytest.raises(ValueError, match="column 1 is given twice"):
-        core.inner_products(c, cd, cdd, none, [1, 1])
+        core.inner_products(c, cd, cdd, none, [1, 1], factors)

@@ -3,10 +3,12 @@
 //!
 //! WORK is a mechanism and what is done with it: `arm` (7 joints, 43 base columns) or `loop` (9 links, 3 coordinates,
 //! 29 base columns), then `-regressor`, `-reduce`, `-filter` (41 taps, every tenth row), `-momentum` (the same without
-//! accelerations), `-torque`, `-mass` or `-acceleration` (of given parameters).
+//! accelerations), `-gram` (the Gram matrix), `-form` (gradients of a quadratic form), `-torque`, `-mass`,
+//! `-acceleration` or `-felt` (apparent masses), the last four of given parameters.
 
 use haptid_core::{
-    Backend, Closure, Joint, Mechanism, Motion, Reduction, forward_dynamics, inverse_dynamics, mass_matrix, reduce,
+    ApparentMassQuery, Backend, BodyParameters, Closure, EndEffector, Joint, Mechanism, Motion, Poses, Reduction,
+    apparent_mass, forward_dynamics, gram_matrix, inverse_dynamics, mass_matrix, quadratic_form_gradients, reduce,
     regressor,
 };
 use std::time::Instant;
@@ -27,6 +29,8 @@ fn main() {
             let (mechanism, columns) = (&mechanism, &columns);
             Box::new(move || regressor(mechanism, &motion, columns, &mut out).expect("shapes"))
         }
+        "gram" | "form" => searching(work, &mechanism, &columns, numbers.motion(true)),
+        "felt" => felt(&mechanism, &numbers),
         "reduce" => reducing(&mechanism, &columns, numbers.motion(true), &numbers, &[1.0], 1),
         "filter" => reducing(&mechanism, &columns, numbers.motion(true), &numbers, &[1.0 / 41.0; 41], 10),
         "momentum" => reducing(&mechanism, &columns, numbers.motion(false), &numbers, &[1.0 / 41.0; 41], 10),
@@ -64,6 +68,51 @@ fn reducing<'a>(
         weights: &[],
     };
     Box::new(move || drop(reduce(mechanism, &motion, &reduction).expect("shapes")))
+}
+
+/// What a search for a motion asks.
+fn searching<'a>(
+    work: &str,
+    mechanism: &'a Mechanism,
+    columns: &'a [usize],
+    motion: Motion<'a>,
+) -> Box<dyn FnMut() + 'a> {
+    let (na, p) = (mechanism.coordinates(), columns.len());
+    let factors = vec![1.0; na * p];
+    let mut gram = vec![0.0; p * p];
+    if work == "gram" {
+        return Box::new(move || gram_matrix(mechanism, &motion, columns, &factors, &mut gram).expect("shapes"));
+    }
+    gram.iter_mut().enumerate().for_each(|(k, x)| *x = (k as f64).sin());
+    let mut out = vec![0.0; mechanism.channels() * motion.samples];
+    Box::new(move || {
+        quadratic_form_gradients(mechanism, &motion, columns, &gram, &factors, &mut out).expect("shapes");
+    })
+}
+
+/// Masses at a point of the last link, of bodies with isotropic inertia.
+fn felt<'a>(mechanism: &'a Mechanism, numbers: &'a Numbers) -> Box<dyn FnMut() + 'a> {
+    let na = mechanism.coordinates();
+    let (links, free): (usize, Vec<usize>) = (mechanism.columns() / 10, (0..na).collect());
+    assert!(links == na, "an open chain");
+    let chi = [0.1, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0].repeat(links);
+    let rates: Vec<f64> = (0..na * na).map(|k| f64::from(u8::from(k % (na + 1) == 0))).collect();
+    let rows = [0, 1, 2];
+    let mut out = Vec::new();
+    Box::new(move || {
+        let poses = Poses { samples: numbers.samples, position: &numbers.position, rates: &rates };
+        let end_effector = EndEffector { link: links - 1, point: [0.0, 0.0, 0.1] };
+        let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
+        let query = ApparentMassQuery {
+            rows: &rows,
+            free: &free,
+            max_condition: 1e9,
+            covariance_factor: &[],
+            factor_columns: 0,
+        };
+        out.resize(numbers.samples * query.width(), 0.0);
+        apparent_mass(mechanism, &poses, &end_effector, &bodies, &query, &mut out).expect("shapes");
+    })
 }
 
 /// Dynamics of bodies with isotropic inertia.

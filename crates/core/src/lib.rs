@@ -36,6 +36,7 @@ pub use end_effector::jacobian::{BodyParameters, EndEffector, Poses, end_effecto
 pub use error::Error;
 pub use exact::echelon::echelon;
 pub use exact::rows::{ExactStates, TreeStates, exact_rows, real_rows};
+pub use linalg::condition::{extreme_eigenvalues, smooth_condition};
 pub use loops::assembly::{
     ActiveTrajectory, AssemblyMode, ClosureTolerances, ContinuationStop, JointTrajectory, LinearClosure,
 };
@@ -48,6 +49,6 @@ pub use mechanism::{Joint, Mechanism};
 pub use reduction::dense::r_factor;
 pub use reduction::reduce::{RFactors, Reduction, reduce};
 pub use regressor::gradients::{quadratic_form_gradients, torque_gradients};
-pub use regressor::gram::gram_matrices;
+pub use regressor::gram::gram_matrix;
 pub use regressor::regressor;
 pub use simd::dispatch::Backend;

@@ -11,11 +11,12 @@ mod loops;
 mod mechanism;
 mod threads;
 
-use arrays::stack;
+use arguments::Matrix;
+use arrays::{room, row_major, stack};
 use haptid_core::{Backend, Error};
 use loops::{PyBranch, PyLoops};
 use mechanism::PyMechanism;
-use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use threads::detached;
@@ -41,6 +42,38 @@ fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult
     out.into_pyarray(py).reshape([stacks, columns, columns])
 }
 
+/// The numbers and the size of a square matrix.
+fn square<'a>(matrix: &'a Matrix<'_>) -> PyResult<(&'a [f64], usize)> {
+    match matrix.shape() {
+        [rows, columns] if rows == columns => Ok((row_major(matrix)?, *rows)),
+        shape => Err(PyValueError::new_err(format!("matrix has shape {shape:?}; it must be square"))),
+    }
+}
+
+/// The smallest and the largest eigenvalue of a symmetric matrix.
+#[pyfunction]
+fn extreme_eigenvalues(py: Python<'_>, matrix: Matrix<'_>) -> PyResult<(f64, f64)> {
+    let (numbers, n) = square(&matrix)?;
+    let backend = Backend::selected().map_err(to_python)?;
+    let [low, high] = detached(py, || haptid_core::extreme_eigenvalues(backend, numbers, n)).map_err(to_python)?;
+    Ok((low, high))
+}
+
+/// A smooth condition number of W from C = W'W, and its derivative with respect to C.
+#[pyfunction]
+fn smooth_condition<'py>(
+    py: Python<'py>,
+    matrix: Matrix<'py>,
+    power: usize,
+) -> PyResult<Option<(f64, Bound<'py, PyArray2<f64>>)>> {
+    let (numbers, n) = square(&matrix)?;
+    let backend = Backend::selected().map_err(to_python)?;
+    let mut slope = room(n * n)?;
+    let cost =
+        detached(py, || haptid_core::smooth_condition(backend, numbers, n, power, &mut slope)).map_err(to_python)?;
+    cost.map(|cost| Ok((cost, slope.into_pyarray(py).reshape([n, n])?))).transpose()
+}
+
 /// Names of the instruction sets this machine can run, fastest first.
 #[pyfunction]
 fn backends() -> Vec<&'static str> {
@@ -55,6 +88,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(triangles, module)?)?;
+    module.add_function(wrap_pyfunction!(extreme_eigenvalues, module)?)?;
+    module.add_function(wrap_pyfunction!(smooth_condition, module)?)?;
     module.add_function(wrap_pyfunction!(exact::echelon, module)?)?;
     module.add_function(wrap_pyfunction!(exact::exact_rows, module)?)?;
     module.add_function(wrap_pyfunction!(exact::real_rows, module)?)?;

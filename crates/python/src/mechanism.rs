@@ -1,7 +1,7 @@
 //! The class `Mechanism`: see `_core.pyi`.
 
 use crate::arguments::{Matrix, MotionArguments, Sets, Stack, Vector};
-use crate::arrays::{Columns, of_samples, output, room, row_major, sets, square_stack, stack};
+use crate::arrays::{Columns, of_samples, output, room, row_major, sets, square_stack};
 use crate::loops::joints;
 use crate::threads::detached;
 use crate::to_python;
@@ -209,7 +209,7 @@ impl PyMechanism {
         out.into_pyarray(py).reshape(shape)
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, columns, loops=None))]
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, factors, loops=None))]
     #[allow(clippy::too_many_arguments)]
     fn inner_products<'py>(
         &self,
@@ -219,17 +219,18 @@ impl PyMechanism {
         acceleration: Matrix<'py>,
         external: Matrix<'py>,
         columns: Columns,
+        factors: Matrix<'py>,
         loops: Option<Matrix<'py>>,
-    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let arguments = MotionArguments { position, velocity, acceleration: Some(acceleration), external, loops };
-        let motion = arguments.motion()?;
-        let shape = [self.0.coordinates(), columns.len(), columns.len()];
+        let (motion, factors) = (arguments.motion()?, row_major(&factors)?);
+        let shape = [columns.len(), columns.len()];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::gram_matrices(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        detached(py, || haptid_core::gram_matrix(&self.0, &motion, &columns, factors, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, columns, forms, loops=None))]
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, form, factors, loops=None))]
     #[allow(clippy::too_many_arguments)]
     fn form_slopes<'py>(
         &self,
@@ -239,16 +240,15 @@ impl PyMechanism {
         acceleration: Matrix<'py>,
         external: Matrix<'py>,
         columns: Columns,
-        forms: Stack<'py>,
+        form: Matrix<'py>,
+        factors: Matrix<'py>,
         loops: Option<Matrix<'py>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let arguments = MotionArguments { position, velocity, acceleration: Some(acceleration), external, loops };
-        let motion = arguments.motion()?;
-        let wanted = [self.0.coordinates(), columns.len(), columns.len()];
-        let forms = stack(&forms, wanted)?;
+        let (motion, form, factors) = (arguments.motion()?, row_major(&form)?, row_major(&factors)?);
         let shape = [self.0.channels(), motion.samples];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::quadratic_form_gradients(&self.0, &motion, &columns, forms, &mut out))
+        detached(py, || haptid_core::quadratic_form_gradients(&self.0, &motion, &columns, form, factors, &mut out))
             .map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }

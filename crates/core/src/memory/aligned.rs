@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut};
 struct Line([f64; MAX_WIDTH]);
 
 /// Numbers in whole cache lines.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Aligned(Vec<Line>);
 
 impl Aligned {

@@ -8,9 +8,9 @@
 //! A closure that is passed to an array's `map` would be compiled as a function of its own, without the back end's
 //! instructions: there is none here.
 //!
-//! Safety: batches are as in [`crate::batch`]; [`forward_sweep`] precedes [`reverse_sweep`] with the same batch and
-//! slots, and every run of weights has [`BATCH`] numbers. The slots of the adjoint have grown to the mechanism in
-//! `clear`.
+//! Safety: batches are as in [`crate::batch`]; [`forward_sweep`], or the rows and [`constant_axes`], precede
+//! [`reverse_sweep`] with the same batch and slots, and every run of weights has [`BATCH`] numbers. The slots of the
+//! adjoint have grown to the mechanism in `clear`.
 
 use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link::{A, B, LinkMotions, W, WD};
@@ -129,6 +129,26 @@ unsafe fn forward_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, slots: &mut Kin
             for_shape!(link.shape, shape => propagate_motion(simd, batch, (shape, i), followed, slots));
             for (own, axis) in (link.first..).zip(&link.axes) {
                 propagate_axis(simd, batch, link, axis, own, &mut slots.axes, &slots.joint);
+            }
+        }
+    }
+}
+
+dispatched! {
+    /// The axes that [`crate::regressor::rows::rows`] leaves out, which are the same at every sample: after it has
+    /// computed the torques' rows of a batch, what [`forward_sweep`] would give is there.
+    pub(crate) unsafe fn constant_axes = constant_axes_in_lanes(batch: Batch, slots: &mut KinematicSlots)
+}
+
+#[inline(always)]
+unsafe fn constant_axes_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, slots: &mut KinematicSlots) {
+    for link in &batch.mechanism.links {
+        let at_zero = JointTransform::at_zero(simd, link.shape, link);
+        for (own, axis) in (link.first..).zip(&link.axes) {
+            if let (None, Rate::Constant(rate)) = (axis.above, axis.rate) {
+                let (to, along) = (slots.axes[own].as_mut_ptr(), at_zero.joint_axis(simd.splat(rate)));
+                // SAFETY: `lanes` leaves room for a lane, and every axis has its slots.
+                batch.lanes(simd).for_each(|k| unsafe { store_axis(to, k, along) });
             }
         }
     }

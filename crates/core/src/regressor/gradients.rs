@@ -12,7 +12,7 @@ use crate::mechanism::layout::check_columns;
 use crate::mechanism::motion::Motion;
 use crate::memory::shared::SharedOutput;
 use crate::memory::slot::BATCH;
-use crate::regressor::adjoint::{Weights, forward_sweep, reverse_sweep};
+use crate::regressor::adjoint::{Weights, constant_axes, forward_sweep, reverse_sweep};
 use crate::regressor::for_each_part;
 use crate::regressor::gram::NonzeroEntries;
 use crate::regressor::quadratic_forms::{QuadraticForm, quadratic_form_weights};
@@ -85,8 +85,8 @@ pub fn torque_gradients(
 }
 
 /// Gradients of the sum over rows and samples of `y' F y`: `out[c * samples + k]` with respect to channel c at sample
-/// k. y are the chosen entries of a row at a sample, and F is the row's form, of coordinates x chosen x chosen,
-/// row-major. The motion must have accelerations.
+/// k. y are the chosen entries of a row at a sample, each multiplied by its factor, of coordinates x chosen; the form F
+/// is chosen x chosen, row-major. The motion must have accelerations.
 ///
 /// # Example
 ///
@@ -104,7 +104,7 @@ pub fn torque_gradients(
 /// # };
 /// // A pendulum; the form is the square of its column ZZ, which is the acceleration.
 /// let mut out = [0.; 9];
-/// quadratic_form_gradients(&pendulum, &motion, &[5], &[1.], &mut out)?;
+/// quadratic_form_gradients(&pendulum, &motion, &[5], &[1.], &[1.], &mut out)?;
 /// assert!((out[6] - 2.).abs() < 1e-12 && out[0] == 0.);
 /// # Ok::<(), haptid_core::Error>(())
 /// ```
@@ -112,18 +112,21 @@ pub fn quadratic_form_gradients(
     mechanism: &Mechanism,
     motion: &Motion,
     columns: &[usize],
-    forms: &[f64],
+    form: &[f64],
+    factors: &[f64],
     out: &mut [f64],
 ) -> Result<(), Error> {
     check(mechanism, motion, columns)?;
     let (n, na, p) = (motion.samples, mechanism.coordinates, columns.len());
-    expect_length("forms", forms.len(), na * p * p)?;
+    expect_length("form", form.len(), p * p)?;
+    expect_length("factors", factors.len(), na * p)?;
     expect_length("out", out.len(), mechanism.channels() * n)?;
-    let entries = NonzeroEntries::new(mechanism, columns);
+    let entries = NonzeroEntries::new(mechanism, columns, factors);
     let weights = Weights::new(mechanism, |a, column| entries.run(a, column));
     let places = [entries.entry_map(mechanism)];
-    let form = |row: usize| QuadraticForm::new(&forms[row * p * p..][..p * p], p, &entries.nonzero[row]);
-    let forms: Vec<QuadraticForm> = (0..na).map(form).collect();
+    let both: Vec<f64> = (0..p * p).map(|at| form[at] + form[at % p * p + at / p]).collect();
+    let of_row = |row: usize| QuadraticForm::new(&both, &factors[row * p..][..p], &entries.nonzero[row]);
+    let forms: Vec<QuadraticForm> = (0..na).map(of_row).collect();
     let shared = SharedOutput::new(out);
     for_each_part(mechanism, n, |part, workspace| {
         let tile = workspace.tile(2 * entries.count() * BATCH);
@@ -141,7 +144,7 @@ pub fn quadratic_form_gradients(
                 }
                 let Workspace { channels: at, slots, adjoint, .. } = &mut *workspace;
                 let batch = Batch { mechanism, channels: at, samples: samples.len() };
-                forward_sweep(mechanism.backend, batch, slots);
+                constant_axes(mechanism.backend, batch, slots);
                 reverse_sweep(batch, &weights, first, slots, adjoint);
                 adjoint.copy(mechanism, 0, shared, n, samples);
             }

@@ -1,7 +1,7 @@
-//! Gram matrices of the regressor's columns, row by row, without storing the regressor.
+//! Gram matrix of the regressor's columns, without storing the regressor.
 //!
-//! They lose half the digits that triangles keep (see [`crate::linalg::tsqr`]): enough for an optimisation of
-//! trajectories, not for estimation.
+//! It loses half the digits that triangles keep (see [`crate::linalg::tsqr`]): enough for an optimisation of trajectories, not
+//! for estimation.
 
 use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
@@ -28,12 +28,14 @@ pub(crate) struct NonzeroEntries {
 }
 
 impl NonzeroEntries {
-    pub(crate) fn new(mechanism: &Mechanism, columns: &[usize]) -> NonzeroEntries {
+    /// Entries with a factor of zero, of coordinates x columns, are left out.
+    pub(crate) fn new(mechanism: &Mechanism, columns: &[usize], factors: &[f64]) -> NonzeroEntries {
         let (na, all) = (mechanism.coordinates, mechanism.columns());
         let (mut nonzero, mut first, mut runs) = (Vec::with_capacity(na), vec![1], vec![0; na * all]);
         for a in 0..na {
+            let there = |&c: &usize| factors[a * columns.len() + c] != 0.0;
             let row: Vec<usize> =
-                (0..columns.len()).filter(|&c| mechanism.is_structural_nonzero(a, columns[c])).collect();
+                (0..columns.len()).filter(there).filter(|&c| mechanism.is_structural_nonzero(a, columns[c])).collect();
             row.iter().enumerate().for_each(|(k, &c)| runs[a * all + columns[c]] = first[a] + k);
             first.push(first[a] + row.len());
             nonzero.push(row);
@@ -62,8 +64,8 @@ impl NonzeroEntries {
     }
 }
 
-/// Gram matrices of the chosen columns: for each row the inner products over the samples, coordinates x chosen x
-/// chosen, row-major. The motion must have accelerations.
+/// Gram matrix of the chosen columns over all rows and samples, chosen x chosen, row-major, each entry multiplied by its
+/// factor, of coordinates x chosen. The motion must have accelerations.
 ///
 /// # Example
 ///
@@ -81,16 +83,23 @@ impl NonzeroEntries {
 /// # };
 /// // A pendulum; its columns ZZ, which is the acceleration, and MX.
 /// let mut gram = [0.; 4];
-/// gram_matrices(&pendulum, &motion, &[5, 6], &mut gram)?;
-/// assert!((gram[0] - 2.).abs() < 1e-12 && gram[1] == gram[2]);
+/// gram_matrix(&pendulum, &motion, &[5, 6], &[3., 1.], &mut gram)?;
+/// assert!((gram[0] - 18.).abs() < 1e-12 && gram[1] == gram[2]);
 /// # Ok::<(), haptid_core::Error>(())
 /// ```
-pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
+pub fn gram_matrix(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    columns: &[usize],
+    factors: &[f64],
+    out: &mut [f64],
+) -> Result<(), Error> {
     motion.check_accelerations(mechanism)?;
     check_columns(mechanism, columns)?;
     let p = columns.len();
-    expect_length("out", out.len(), mechanism.coordinates * p * p)?;
-    let entries = NonzeroEntries::new(mechanism, columns);
+    expect_length("factors", factors.len(), mechanism.coordinates * p)?;
+    expect_length("out", out.len(), p * p)?;
+    let entries = NonzeroEntries::new(mechanism, columns, factors);
     let part = |from: usize| {
         let samples = from..motion.samples.min(from + PART);
         Workspace::with(mechanism, |workspace| part_gram(mechanism, motion, &entries, samples, workspace))
@@ -104,23 +113,25 @@ pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], 
     out.fill(0.0);
     for made in &made {
         let mut rest = &made[..];
-        for (nonzero, out) in entries.nonzero.iter().zip(out.chunks_exact_mut((p * p).max(1))) {
+        for (nonzero, factors) in entries.nonzero.iter().zip(factors.chunks_exact(p.max(1))) {
             let own;
             (own, rest) = rest.split_at(nonzero.len().pow(2));
-            add_triangle(own, nonzero, out, p);
+            add_triangle(own, nonzero, factors, out);
         }
+    }
+    for i in 0..p {
+        (0..i).for_each(|j| out[j * p + i] = out[i * p + j]);
     }
     Ok(())
 }
 
-/// Add a lower triangle of nonzero columns to a symmetric matrix of all `p`.
-fn add_triangle(triangle: &[f64], nonzero: &[usize], out: &mut [f64], p: usize) {
-    for (i, row) in triangle.chunks_exact(nonzero.len().max(1)).enumerate() {
-        for (j, product) in row[..=i].iter().enumerate() {
-            out[nonzero[i] * p + nonzero[j]] += product;
-            if i != j {
-                out[nonzero[j] * p + nonzero[i]] += product;
-            }
+/// Add a lower triangle of nonzero columns, which are ascending, to that of all.
+fn add_triangle(triangle: &[f64], nonzero: &[usize], factors: &[f64], out: &mut [f64]) {
+    let p = factors.len();
+    for (row, &i) in triangle.chunks_exact(nonzero.len().max(1)).zip(nonzero) {
+        let to = &mut out[i * p..][..=i];
+        for (product, &j) in row.iter().zip(nonzero).take_while(|(_, j)| **j <= i) {
+            to[j] += factors[i] * factors[j] * product;
         }
     }
 }
@@ -233,8 +244,8 @@ unsafe fn panel_products<T: Lane, const P: usize>(
         k += T::WIDTH;
     }
     let mut made = [[0.0; P]; P];
-    for (made, sums) in made.iter_mut().flatten().zip(sums.iter().flatten()) {
-        *made = sums.sum();
+    for (made, sums) in made.iter_mut().zip(sums) {
+        *made = T::sums(sums);
     }
     made
 }

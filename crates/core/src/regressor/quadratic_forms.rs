@@ -16,12 +16,17 @@ pub(crate) struct QuadraticForm {
 }
 
 impl QuadraticForm {
-    /// From a form of `all` columns, row-major.
-    pub(crate) fn new(form: &[f64], all: usize, nonzero: &[usize]) -> QuadraticForm {
-        let both = |r: usize, c: usize| form[r * all + c] + form[c * all + r];
-        let panel = |rows: &[usize], c| core::array::from_fn(|e| rows.get(e).map_or(0.0, |&r| both(r, c)));
-        let of_rows = |rows| nonzero.iter().map(move |&c| panel(rows, c));
-        QuadraticForm { columns: nonzero.len(), panels: nonzero.chunks(PANEL).flat_map(of_rows).collect() }
+    /// From `F + F'` of all columns, row-major, and the factors of their entries.
+    pub(crate) fn new(both: &[f64], factors: &[f64], nonzero: &[usize]) -> QuadraticForm {
+        let (all, count) = (factors.len(), nonzero.len());
+        let mut panels = vec![[0.0; PANEL]; nonzero.chunks(PANEL).len() * count];
+        for (rows, panel) in nonzero.chunks(PANEL).zip(panels.chunks_exact_mut(count.max(1))) {
+            for (e, &r) in rows.iter().enumerate() {
+                let (row, own) = (&both[r * all..][..all], factors[r]);
+                panel.iter_mut().zip(nonzero).for_each(|(panel, &c)| panel[e] = own * factors[c] * row[c]);
+            }
+        }
+        QuadraticForm { columns: count, panels }
     }
 }
 

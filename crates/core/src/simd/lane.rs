@@ -60,6 +60,11 @@ pub(crate) trait Lane: Copy {
     fn xor_sign(self, sign: Self) -> Self;
     /// Sum over the samples of the lane.
     fn sum(self) -> f64;
+    /// The sums of several lanes, which together take less than one after the other.
+    #[inline(always)]
+    fn sums<const N: usize>(lanes: [Self; N]) -> [f64; N] {
+        lanes.map(Self::sum)
+    }
 
     #[inline(always)]
     fn neg(self) -> Self {

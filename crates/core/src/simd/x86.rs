@@ -12,7 +12,7 @@ pub(crate) struct Avx512(__m512d);
 
 macro_rules! intrinsic {
     ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $sqrt:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr) => {
+     $div:ident, $sqrt:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr, $four:expr) => {
         impl Lane for $name {
             const WIDTH: usize = $width;
             const PANEL: usize = $panel;
@@ -102,8 +102,38 @@ macro_rules! intrinsic {
                 // SAFETY: the lane proves the instructions.
                 unsafe { $sum(self.0) }
             }
+            #[inline(always)]
+            fn sums<const N: usize>(lanes: [Self; N]) -> [f64; N] {
+                let mut made = [0.0; N];
+                for (made, lanes) in made.chunks_mut(4).zip(lanes.chunks(4)) {
+                    if let &[a, b, c, d] = lanes {
+                        // SAFETY: the lanes prove the instructions; four sums have room for four numbers.
+                        unsafe { _mm256_storeu_pd(made.as_mut_ptr(), $four(a.0, b.0, c.0, d.0)) };
+                    } else {
+                        made.iter_mut().zip(lanes).for_each(|(made, lane)| *made = lane.sum());
+                    }
+                }
+                made
+            }
         }
     };
+}
+
+/// Sums of two lanes of alternating numbers: those of the first, then those of the second.
+#[inline(always)]
+unsafe fn across(ab: __m256d, cd: __m256d) -> __m256d {
+    // SAFETY: the caller has lanes, which prove AVX2.
+    unsafe { _mm256_add_pd(_mm256_permute2f128_pd::<0x20>(ab, cd), _mm256_permute2f128_pd::<0x31>(ab, cd)) }
+}
+
+/// Sums of the numbers four apart of two wide lanes, of which each has every second number.
+#[inline(always)]
+unsafe fn halved(a: __m512d, b: __m512d) -> __m256d {
+    // SAFETY: the caller has wide lanes, which prove AVX-512F.
+    unsafe {
+        let pairs = _mm512_add_pd(_mm512_unpacklo_pd(a, b), _mm512_unpackhi_pd(a, b));
+        _mm256_add_pd(_mm512_castpd512_pd256(pairs), _mm512_extractf64x4_pd::<1>(pairs))
+    }
 }
 
 intrinsic!(
@@ -129,7 +159,8 @@ intrinsic!(
     |v| {
         let half = _mm_add_pd(_mm256_castpd256_pd128(v), _mm256_extractf128_pd::<1>(v));
         _mm_cvtsd_f64(_mm_add_sd(half, _mm_unpackhi_pd(half, half)))
-    }
+    },
+    |a, b, c, d| across(_mm256_hadd_pd(a, b), _mm256_hadd_pd(c, d))
 );
 intrinsic!(
     Avx512,
@@ -151,5 +182,6 @@ intrinsic!(
     _mm512_xor_pd,
     |mask, x, y| _mm512_mask_blend_pd(_mm512_movepi64_mask(_mm512_castpd_si512(mask)), y, x),
     |x, sign| _mm512_xor_pd(x, _mm512_and_pd(sign, _mm512_set1_pd(-0.0))),
-    |v| _mm512_reduce_add_pd(v)
+    |v| _mm512_reduce_add_pd(v),
+    |a, b, c, d| across(halved(a, b), halved(c, d))
 );

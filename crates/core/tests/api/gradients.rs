@@ -2,7 +2,7 @@
 
 use crate::mechanisms::{Channels, assert_close, closed_chain, parameters};
 use haptid_core::{
-    Backend, Mechanism, gram_matrices, inverse_dynamics, quadratic_form_gradients, regressor, torque_gradients,
+    Backend, Mechanism, gram_matrix, inverse_dynamics, quadratic_form_gradients, regressor, torque_gradients,
 };
 
 const SAMPLES: usize = 45;
@@ -54,46 +54,57 @@ fn entries(mechanism: &Mechanism, channels: &Channels, columns: &[usize]) -> Vec
     y
 }
 
+/// Factors of the entries, rows x columns: no row is as another, and one is left out.
+fn factors(p: usize) -> Vec<f64> {
+    (0..3 * p).map(|k| if k / p == 1 { 0.0 } else { 1.0 + (k as f64 * 0.37).sin() }).collect()
+}
+
 #[test]
 fn gradients_of_quadratic_forms_are_those_of_differences() {
     let columns = [5, 6, 13, 17, 19, 27, 33, 39, 40, 42, 45, 47, 48];
     let p = columns.len();
-    let forms: Vec<f64> = (0..3 * p * p).map(|k| (k as f64 * 0.71).sin()).collect();
+    let form: Vec<f64> = (0..p * p).map(|k| (k as f64 * 0.71).sin()).collect();
+    let factors = factors(p);
     for (backend, varying) in Backend::available().into_iter().flat_map(|b| [(b, false), (b, true)]) {
         let (mechanism, channels) = (closed_chain(backend, varying), Channels::new(SAMPLES, varying));
         let wanted = differences(&channels, |channels| {
             let y = entries(&mechanism, channels, &columns);
-            let form = |k: usize| -> f64 {
+            let sum = |k: usize| -> f64 {
                 let term = |at: usize| {
                     let (row, i, j) = (at / (p * p), at / p % p, at % p);
-                    forms[at] * y[(row * p + i) * SAMPLES + k] * y[(row * p + j) * SAMPLES + k]
+                    let entry = |c: usize| factors[row * p + c] * y[(row * p + c) * SAMPLES + k];
+                    form[i * p + j] * entry(i) * entry(j)
                 };
-                (0..forms.len()).map(term).sum()
+                (0..3 * p * p).map(term).sum()
             };
-            (0..SAMPLES).map(form).collect()
+            (0..SAMPLES).map(sum).collect()
         });
         let mut got = vec![0.0; wanted.len()];
-        quadratic_form_gradients(&mechanism, &channels.motion(true), &columns, &forms, &mut got).expect("shapes");
+        quadratic_form_gradients(&mechanism, &channels.motion(true), &columns, &form, &factors, &mut got)
+            .expect("shapes");
         assert_close(&got, &wanted, 1e-8, &format!("{backend:?}, varying: {varying}"));
     }
 }
 
 #[test]
-fn gram_matrices_are_the_products_of_the_columns() {
-    let columns = [5, 6, 13, 17, 19, 27, 33, 39, 40, 42, 45, 47, 48];
+fn the_gram_matrix_has_the_products_of_the_columns() {
+    // Not in order: rows come to their columns by index.
+    let columns = [48, 5, 6, 13, 17, 39, 19, 27, 33, 40, 42, 45, 47];
     let p = columns.len();
+    let factors = factors(p);
     for backend in Backend::available() {
         // More samples than one part has.
         let (mechanism, channels) = (closed_chain(backend, true), Channels::new(4001, true));
         let y = entries(&mechanism, &channels, &columns);
-        let mut got = vec![0.0; 3 * p * p];
-        gram_matrices(&mechanism, &channels.motion(true), &columns, &mut got).expect("shapes");
+        let mut got = vec![f64::NAN; p * p];
+        gram_matrix(&mechanism, &channels.motion(true), &columns, &factors, &mut got).expect("shapes");
         let run = |row: usize, c: usize| &y[(row * p + c) * channels.samples..][..channels.samples];
-        let product = |at: usize| -> f64 {
-            let (one, other) = (run(at / (p * p), at / p % p), run(at / (p * p), at % p));
-            one.iter().zip(other).map(|(x, y)| x * y).sum()
+        let product = |row: usize, i: usize, j: usize| -> f64 {
+            let inner: f64 = run(row, i).iter().zip(run(row, j)).map(|(x, y)| x * y).sum();
+            factors[row * p + i] * factors[row * p + j] * inner
         };
-        let wanted: Vec<f64> = (0..got.len()).map(product).collect();
+        let sum = |at: usize| -> f64 { (0..3).map(|row| product(row, at / p, at % p)).sum() };
+        let wanted: Vec<f64> = (0..got.len()).map(sum).collect();
         assert_close(&got, &wanted, 1e-12, &format!("{backend:?}"));
     }
 }

@@ -3,7 +3,7 @@
 use crate::mechanisms::{apart, moving};
 use crate::{below, few};
 use haptid_core::{
-    Backend, Reduction, forward_dynamics, gram_matrices, inverse_dynamics, mass_matrix, quadratic_form_gradients,
+    Backend, Reduction, forward_dynamics, gram_matrix, inverse_dynamics, mass_matrix, quadratic_form_gradients,
     r_factor, reduce, regressor, torque_gradients,
 };
 use proptest::collection::vec;
@@ -55,7 +55,8 @@ proptest! {
     fn on_gradients_and_inner_products((parts, channels) in moving(true)) {
         let (na, motion) = (parts.coordinates(), channels.motion(true));
         let columns: Vec<usize> = (0..parts.chi.len()).collect();
-        let forms = na * columns.len() * columns.len();
+        let square = columns.len() * columns.len();
+        let factors: Vec<f64> = (0..na * columns.len()).map(|k| 1.0 + (k as f64 * 0.3).sin()).collect();
         agree(1e-12, |backend| {
             let mechanism = parts.made(backend);
             let mut out = vec![f64::NAN; na * mechanism.channels() * motion.samples];
@@ -63,15 +64,15 @@ proptest! {
             out
         })?;
         agree(1e-12, |backend| {
-            let mut out = vec![f64::NAN; forms];
-            gram_matrices(&parts.made(backend), &motion, &columns, &mut out).expect("shapes");
+            let mut out = vec![f64::NAN; square];
+            gram_matrix(&parts.made(backend), &motion, &columns, &factors, &mut out).expect("shapes");
             out
         })?;
-        let weights: Vec<f64> = (0..forms).map(|k| (k as f64 * 0.7).sin()).collect();
+        let form: Vec<f64> = (0..square).map(|k| (k as f64 * 0.7).sin()).collect();
         agree(1e-11, |backend| {
             let mechanism = parts.made(backend);
             let mut out = vec![f64::NAN; mechanism.channels() * motion.samples];
-            quadratic_form_gradients(&mechanism, &motion, &columns, &weights, &mut out).expect("shapes");
+            quadratic_form_gradients(&mechanism, &motion, &columns, &form, &factors, &mut out).expect("shapes");
             out
         })?;
     }

@@ -95,6 +95,10 @@ class Actuation:
     def _any(self) -> bool:
         return bool(np.isfinite(self.torque).any() or np.isfinite(self.power).any() or np.isfinite(self.handle_force))
 
+    @cached_property
+    def _rms(self) -> bool:
+        return bool(np.isfinite(self.rms_torque).any())
+
     def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
         """Relative violations at every sample, (n,) each; states of the active joints, (3, active, n)."""
         if not self._any:
@@ -142,7 +146,7 @@ class Actuation:
 
     def over_time(self, states: Array) -> list[tuple[Array, str]]:
         """Relative violations of the rms torques, (1,) each."""
-        if not np.isfinite(self.rms_torque).any():
+        if not self._rms:
             return []
         rms = np.sqrt((self._torques(states) ** 2).mean(axis=1))
         return [
@@ -152,7 +156,7 @@ class Actuation:
 
     def over_time_gradients(self, states: Array, weights: Iterator[Array]) -> Array:
         """Gradient by states, (3, active, n), of the weighted sum of these violations."""
-        if not np.isfinite(self.rms_torque).any():
+        if not self._rms:
             return np.zeros_like(states)
         tau = self._torques(states)
         rms = np.maximum(np.sqrt((tau**2).mean(axis=1)), np.finfo(float).tiny)

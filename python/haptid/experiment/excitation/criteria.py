@@ -6,6 +6,7 @@ entry scaled and some columns then scaled to unit length. Its derivative is the 
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from scipy import linalg
 
+from haptid import _core
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
@@ -130,11 +132,11 @@ def motion_condition(model: DynamicModel, trajectory: Trajectory) -> float:
     columns, S = model.needed
     states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
     channels = CoreChannels.of(model, model.device.row_map @ states)
-    made = model.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
-    W2 = made.sum(axis=0) if all(model.device.measured) else made[list(model.device.measured)].sum(axis=0)
-    eigenvalues = np.linalg.eigvalsh(W2 if len(S) == S.shape[1] else S.T @ W2 @ S)
-    if eigenvalues[0] * _GRAM_KEEPS**2 > eigenvalues[-1]:
-        return float(np.sqrt(eigenvalues[-1] / eigenvalues[0]))
+    factors = np.repeat(np.array(model.device.measured, dtype=float)[:, None], len(columns), axis=1)
+    W2 = model.mechanism.inner_products(*channels.motion, channels.own, columns, factors, channels.loops)
+    smallest, largest = _core.extreme_eigenvalues(W2 if len(S) == S.shape[1] else S.T @ W2 @ S)
+    if smallest * _GRAM_KEEPS**2 > largest:
+        return math.sqrt(largest / smallest)
     return condition(observed_motion(model, trajectory).stack()[:-1])
 
 
@@ -216,10 +218,8 @@ class ScaledCondition(_SmoothCriterion):
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
         """Norms of high power in place of the extreme eigenvalues: the traces of C^power and C^-power."""
-        if power in _SMALL_POWERS and (inverse := _inverse(C)) is not None:
-            up, down = (np.linalg.matrix_power(X, int(power) - 1) for X in (C, inverse))
-            large, small = float((up * C).sum()), float((down * inverse).sum())
-            return float(np.log(large * small) / (2 * power)), (up / large - down @ inverse @ inverse / small) / 2
+        if power in _SMALL_POWERS and (found := _core.smooth_condition(C, int(power))) is not None:
+            return found
         eigenvalues, vectors = _eigen(C)
         up, down = eigenvalues / eigenvalues[-1], eigenvalues[0] / eigenvalues
         large, small = (up**power).sum(), (down**power).sum()
@@ -229,8 +229,8 @@ class ScaledCondition(_SmoothCriterion):
 
     def value(self, C: Array) -> float:
         """See Criterion."""
-        eigenvalues = np.linalg.eigvalsh(C)
-        return float(-np.log(max(eigenvalues[0] / eigenvalues[-1], _SINGULAR)) / 2)
+        smallest, largest = _core.extreme_eigenvalues(C)
+        return -math.log(max(smallest / largest, _SINGULAR) if largest > 0 else _SINGULAR) / 2
 
 
 @dataclass(frozen=True)
@@ -335,21 +335,8 @@ def _in_units_of(values: Array, noise: Array) -> Scaling:
     return Scaling(np.where(known, values, 1.0) / noise[:, None], ~known)
 
 
-# Powers of which products take less time than eigenvalues; a Gram matrix that is nearer to singular is not inverted.
-_SMALL_POWERS, _INVERTIBLE = (1, 2, 3, 4, 8), 1e-12
-
-
-def _inverse(C: Array) -> Array | None:
-    """The inverse of a positive definite matrix; None where it is nearly singular."""
-    factor, failed = linalg.lapack.dpotrf(C, lower=1)
-    if failed:
-        return None
-    lower, failed = linalg.lapack.dpotri(factor, lower=1)
-    if failed or not np.trace(C) * np.trace(lower) < 1 / _INVERTIBLE:
-        return None
-    made = np.ascontiguousarray(lower + lower.T)  # above the diagonal there are zeros
-    made.reshape(-1)[:: len(made) + 1] *= 0.5
-    return made
+# Powers of which products take less time than eigenvalues.
+_SMALL_POWERS = (1, 2, 3, 4, 8)
 
 
 def _eigen(C: Array) -> tuple[Array, Array]:

@@ -96,12 +96,14 @@ class Gradients:
 
     @cached_property
     def factors(self) -> Array:
-        """Scale factors of products of core columns, by measured torque, (motors, columns, columns).
+        """Scale factors of the core's columns by torque, (rows, columns); zero for torques that are not measured.
 
         Every core column belongs to at most one parameter.
         """
-        factors = self.scaling.factors @ self.selection[1].T
-        return freeze(factors[:, :, None] * factors[:, None])
+        model, columns = self.bounds.model, self.selection[0]
+        made = np.zeros((model.mechanism.coordinates, len(columns)))
+        made[list(model.device.measured)] = self.scaling.factors @ self.selection[1].T
+        return freeze(made)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +146,7 @@ class Evaluation:
     @cached_property
     def violations(self) -> tuple[Array, tuple[str, ...]]:
         """Relative violations of the limits that have a slope at every sample, (limits, n), and their names."""
-        found = list(self.gradients.bounds.by_sample(self.states))
-        return np.array([excess for excess, _ in found]), tuple(name for _, name in found)
+        return self.gradients.bounds.violations(self.states)
 
     @cached_property
     def over_time(self) -> list[tuple[Array, str]]:
@@ -203,15 +204,15 @@ class Evaluation:
             reach: besides, what is so near to the margin, relative to the limit; collisions aside.
         """
         bounds, margin, active = self.gradients.bounds, self.gradients.margin, self.states.shape[1]
-        values = self.violations[0] + margin
-        if not joints:
-            values[: bounds.of_joints] = -np.inf
-        limit, sample = np.nonzero(values > -reach)
-        made = [Beyond(values[limit, sample], sample, np.zeros((3, active, len(limit))))]
-        if len(limit):
+        values, first = self.violations[0], 0 if joints else bounds.of_joints
+        made = [Beyond(np.zeros(0), np.zeros(0, dtype=int), np.zeros((3, active, 0)))]
+        there = values[first:] > -margin - reach
+        if there.any():
+            limit, sample = np.nonzero(there)
             one = np.zeros((len(values), len(limit)))
-            one[limit, np.arange(len(limit))] = 1.0
-            made[0].slopes[:] = bounds.gradients(np.ascontiguousarray(self.states[:, :, sample]), one)
+            one[limit + first, np.arange(len(limit))] = 1.0
+            by_state = bounds.gradients(np.ascontiguousarray(self.states[:, :, sample]), one)
+            made.append(Beyond(values[limit + first, sample] + margin, sample, by_state))
         flat = bounds.loops.violated(self.states[0], margin + reach) if bounds.loops and reach else self._flat
         if flat is not None and flat[0].any():
             at, excess, slopes = flat
@@ -222,7 +223,9 @@ class Evaluation:
             over = (bounds.limits.clearance - found.distance) / collision.size + margin
             away = collision.slopes(self._followed.q.T, self._followed.G, found)
             made.append(Beyond(over, found.sample, _of_positions(-away.T / collision.size)))
-        kinds = zip(*((x.over, x.sample, x.slopes) for x in made), strict=True)
+        if len(made) == 1:
+            return made[0]
+        kinds = zip(*((x.over, x.sample, x.slopes) for x in made[1:]), strict=True)
         return Beyond(*(np.concatenate(parts, axis=-1) for parts in kinds))
 
     def cost(self, power: float = np.inf) -> float:
@@ -235,9 +238,8 @@ class Evaluation:
         """Column lengths that are divided out, (k,), and C of the scaled columns, (k, k)."""
         of = self.gradients
         model, columns = of.bounds.model, of.selection[0]
-        made = model.mechanism.inner_products(*self.channels.motion, self.channels.own, columns, self.channels.loops)
-        measured = made if all(model.device.measured) else made[list(model.device.measured)]
-        C = of.mixed(np.einsum("aij,aij->ij", measured, of.factors)) + of.information
+        motion, own, loops = self.channels.motion, self.channels.own, self.channels.loops
+        C = of.mixed(model.mechanism.inner_products(*motion, own, columns, of.factors, loops)) + of.information
         if not of.scaling.unit.any():
             return np.ones(len(C)), C
         lengths = np.where(of.scaling.unit, np.sqrt(np.diag(C)), 1.0)
@@ -265,6 +267,8 @@ class Evaluation:
         """Mean squared violations of the limits, times the weight, and their gradient by states, (3, active, n)."""
         cost, by_state = self._lasting(weight)
         found, scale = self.beyond(), weight / self.states.shape[2]
+        if not len(found.over):
+            return cost, by_state
         np.add.at(by_state.transpose(2, 0, 1), found.sample, (2 * scale * found.over * found.slopes).transpose(2, 0, 1))
         return cost + scale * float(found.over @ found.over), by_state
 
@@ -286,8 +290,7 @@ class Evaluation:
         if of.scaling.unit.any():  # the length of a unit column is constant: the derivative along it is projected out
             B = B - np.diag(np.where(of.scaling.unit, (B * C).sum(axis=1), 0.0))
             B = B / lengths / lengths[:, None]
-        forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
-        forms[list(model.device.measured)] = of.factors * (B if of.one_to_one else S @ B @ S.T)
-        channels = self.channels
-        by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
+        form, channels = np.ascontiguousarray(B if of.one_to_one else S @ B @ S.T), self.channels
+        motion, own, loops = channels.motion, channels.own, channels.loops
+        by_channel = model.mechanism.form_slopes(*motion, own, columns, form, of.factors, loops)
         return cost, model.device.row_map.T @ channels.by_motion(by_channel)

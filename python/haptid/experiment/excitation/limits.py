@@ -169,19 +169,24 @@ class MotionBounds:
         )
 
     def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
-        """Relative violations at every sample, (n,) each, without flat loops.
+        """Relative violations at every sample, (n,) each: see `violations`."""
+        return zip(*self.violations(states), strict=True)
+
+    def violations(self, states: Array) -> tuple[Array, tuple[str, ...]]:
+        """Relative violations at every sample, without flat loops, (limits, n), and the names of the limits.
 
         Args:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
         """
-        low, high = self.position.T[:, :, None]
-        yield from zip(_beyond(states[0], low, high), self._labels[0], strict=True)
-        for s, most, joints, labels in self._rates:
-            yield from zip(np.abs(states[s, joints]) / most - 1, labels, strict=True)
-        for c in self.limits.couplings:
-            yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
-        yield from self._passive(states)
-        yield from self.actuation.by_sample(states)
+        of_joints = [_beyond(states[0], *self.position.T[:, :, None])]
+        of_joints += [np.abs(states[s, joints]) / most - 1 for s, most, joints, _ in self._rates]
+        couplings = (
+            (_beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}")
+            for c in self.limits.couplings
+        )
+        others = [*couplings, *self._passive(states), *self.actuation.by_sample(states)]
+        made = np.concatenate([*of_joints, *(excess[None] for excess, _ in others)])
+        return made, self._names_of_joints + tuple(name for _, name in others)
 
     def gradients(self, states: Array, weights: Array) -> Array:
         """Gradient by states, (3, active, n), of the weighted sum of all violations of `by_sample`.
@@ -216,10 +221,20 @@ class MotionBounds:
                 made.append((s, limits[limited, None], joints, [self._labels[s][j] for j in limited]))
         return made
 
+    @cached_property
+    def _jerking(self) -> list[int]:
+        """The active joints whose jerk is limited."""
+        return np.flatnonzero(np.isfinite(self.jerk)).tolist()
+
+    @cached_property
+    def _names_of_joints(self) -> tuple[str, ...]:
+        """Of the limits of positions, velocities and accelerations, which come first."""
+        return (*self._labels[0], *(label for *_, labels in self._rates for label in labels))
+
     @property
     def of_joints(self) -> int:
         """How many limits of `by_sample` are those of positions, velocities and accelerations, which come first."""
-        return len(self.names) + sum(len(most) for _, most, _, _ in self._rates)
+        return len(self._names_of_joints)
 
     def over_time(self, states: Array, dt: float) -> list[tuple[Array, str]]:
         """Relative violations that take several samples: jerk between samples, (n - 1,), and rms torques, (1,).
@@ -228,17 +243,16 @@ class MotionBounds:
             states: as for `by_sample`.
             dt: sampling period, s.
         """
-        limited = np.flatnonzero(np.isfinite(self.jerk)).tolist()
         made = [
             (np.abs(np.diff(states[2, j])) / dt / self.jerk[j] - 1, f"the jerk of joint {self.names[j]}")
-            for j in limited
+            for j in self._jerking
         ]
         return made + self.actuation.over_time(states)
 
     def over_time_gradients(self, states: Array, dt: float, weights: list[Array]) -> Array:
         """Gradient by states, (3, active, n), of the weighted sum of all violations of `over_time`."""
         made, rest = np.zeros_like(states), iter(weights)
-        for j in np.flatnonzero(np.isfinite(self.jerk)).tolist():
+        for j in self._jerking:
             slope = next(rest) * np.sign(np.diff(states[2, j])) / (dt * self.jerk[j])
             made[2, j, 1:] += slope
             made[2, j, :-1] -= slope
