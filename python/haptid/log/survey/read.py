@@ -145,19 +145,21 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
 
 def _by_movement(path: Path, topics: Sequence[TopicSurvey]) -> list[TopicSurvey]:
     """Topics of arrays without names, as a `Float64MultiArray`, with channels that are recognised by how they move."""
-    parts: dict[str, dict[str, list[RawChannel]]] = {}
+    unnamed = [topic.name for topic in topics if {channel.quantity for channel in topic.channels} == {"other"}]
+    parts: dict[str, dict[str, list[RawChannel]]] = {name: {} for name in unnamed}
     with opened_file(path, "message"):
-        for topic, batch, _ in batches(containers(path), None, most=_MESSAGES):
-            own = parts.setdefault(topic.name, {})
+        for topic, batch, _ in batches(containers(path), None, most=_MESSAGES) if unnamed else ():
+            own = parts.get(topic.name, {})
             for name, values in batch.values.items():
-                if batch.present[name].all() and len(own) < _MOST:
+                if batch.present[name].all() and (name in own or len(own) < _MOST):
                     own.setdefault(name, []).append(values)
-    made = []
-    for topic in topics:
-        columns = {name: np.concatenate(values) for name, values in parts.get(topic.name, {}).items()}
-        found = _recognised(topic.channels, Content.of(columns))
-        made.append(replace(topic, channels=tuple(found)))
-    return made
+    columns = {topic: {name: np.concatenate(values) for name, values in own.items()} for topic, own in parts.items()}
+    return [
+        replace(one, channels=tuple(_recognised(one.channels, Content.of(columns[one.name]))))
+        if one.name in columns
+        else one
+        for one in topics
+    ]
 
 
 def _topic(
