@@ -93,6 +93,7 @@ def test_positions_that_may_be_planned_are_questioned(shift: int, said: str):
     q, v = (np.column_stack([x, 2 * x]) for x in (position, np.roll(velocity, shift)))
     sentence = with_velocities(q, v, WHOLE, DT, ("v1", "v2"))[1]
     assert (said in sentence) if said else ("late on" not in sentence)
+    assert ("were they filtered, which does no harm" in sentence) == (shift == 18)
     v[:, 1] = np.roll(v[:, 1], -shift)  # one joint alone is another fault
     assert "the velocities are" not in with_velocities(q, v, WHOLE, DT, ("v1", "v2"))[1]
 

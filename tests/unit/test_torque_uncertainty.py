@@ -1,6 +1,7 @@
 """Standard error of an estimate's torque in other motion, and the status by it."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy import integrate, stats
 from test_proposal import recorded
 
 import haptid
+from haptid.estimation.estimate import Estimate, judged
 from haptid.estimation.torque_uncertainty import other_motion, torque_uncertainty
 from haptid.treatment_choice.delay_estimate import COMMON, HOLD, OWN, _likely
 
@@ -48,7 +50,7 @@ def test_it_does_not_depend_on_the_unit_of_a_parameter(phantom):
     assert again == pytest.approx(made.torque_uncertainty, rel=1e-9)
 
 
-def test_the_status_follows_the_torque_and_not_the_condition_number(phantom):
+def test_the_status_follows_the_torque_and_not_the_condition_number(phantom, monkeypatch):
     told = fitted(phantom, recorded(phantom, noise=0.01))
     assert told.status == "ok"
     assert told.torque_uncertainty < 3
@@ -57,6 +59,8 @@ def test_the_status_follows_the_torque_and_not_the_condition_number(phantom):
     assert loud.status == "uncertain"
     assert loud.torque_uncertainty > 3
     assert any("torque of other motion" in note for note in loud.notes)
+    monkeypatch.setattr(Estimate, "torque_uncertainty", 9331.2)
+    assert any("error is 9331 % of the measured torque" in note for note in judged(replace(loud)).notes)
 
 
 @pytest.mark.parametrize(("off", "se"), [(0.4, 0.3), (2.0, 0.8), (-0.8, 1.5), (3.0, 0.1)])

@@ -26,7 +26,7 @@ from haptid.estimation.methods.wls import WLS
 from haptid.estimation.torque_uncertainty import judged_uncertainty
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
-from haptid.uncertainty.figures import relative_se_cell, with_digits
+from haptid.uncertainty.figures import per_cent, relative_se_cell, with_digits
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
@@ -421,8 +421,8 @@ def judged(fitted: Estimate) -> Estimate:
     if unbounded or not size > _LARGEST_SE:
         return fitted if notes == fitted.notes else replace(fitted, notes=notes)
     text = (
-        f"{_UNDETERMINED}: its standard error is {size:.3g} % of the measured torque (limit {_LARGEST_SE:g} %). Record "
-        f"longer, or motion that differs more in speed and acceleration from pose to pose."
+        f"{_UNDETERMINED}: its standard error is {per_cent(size, 3)} of the measured torque (limit {_LARGEST_SE:g} %). "
+        "Record longer, or motion that differs more in speed and acceleration from pose to pose."
     )
     return replace(fitted, status="uncertain" if fitted.status == "ok" else fitted.status, notes=(text, *notes))
 

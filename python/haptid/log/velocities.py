@@ -85,7 +85,10 @@ def _planned(delays: Sequence[float], count: int, dt: float) -> list[str]:
         return []
     said = f"the velocities are {1e3 * abs(middle):.3g} ms {'late on' if middle > 0 else 'ahead of'} the positions"
     if middle > 0:
-        return [f"{said}: are these the planned ones? The torque moves the measured ones, which the log should have"]
+        return [
+            f"{said}: were they filtered, which does no harm, or are the positions the planned ones? The torque moves "
+            "the measured ones, which the log should have"
+        ]
     return [f"{said}: were these filtered, or read later? The torque belongs to one of both"]
 
 
