@@ -71,6 +71,7 @@ class MotionFilters:
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
         position: cut-off of the position filters over the bandwidth, at most.
         held: position channels that hardly move while others do: they tremble faster, and that is no motion.
+        shaken: whether `reversal_speed` is that of rotors that the controller shakes.
     """
 
     model: DynamicModel
@@ -88,6 +89,7 @@ class MotionFilters:
     above: float = 0.0
     position: float = np.inf
     held: tuple[int, ...] = ()
+    shaken: bool = False
 
     @staticmethod
     def of(
@@ -115,11 +117,25 @@ class MotionFilters:
         if any(rest):
             often = made._shares(made.at(USUAL, {}), np.array(rest)) >= KEPT
             made = replace(made, reversal_speed=tuple(np.where(often, rest, 0.0).tolist()), rest_speed=rest)
-        if any(made.reversal_speed):
-            clear = replace(made, near=False).at(USUAL, given)
-            kept = made._shares(clear, np.array(made.reversal_speed))[list(model.device.measured)]
-            made = replace(made, near=bool(min(kept) < _CLEARLY), may_clear=bool(_CLEAR <= min(kept) < _CLEARLY))
-        return made
+        return made._clear_of_reversals(given)
+
+    def _clear_of_reversals(self, given: Given) -> MotionFilters:
+        """With or without rows near reversals, by how many are clear of them."""
+        if not any(self.reversal_speed):
+            return self
+        clear = replace(self, near=False).at(USUAL, given)
+        kept = self._shares(clear, np.array(self.reversal_speed))[list(self.model.device.measured)]
+        return replace(self, near=bool(min(kept) < _CLEARLY), may_clear=bool(_CLEAR <= min(kept) < _CLEARLY))
+
+    def faster_than(self, speeds: Array, given: Given) -> MotionFilters:
+        """Without rows slower than these, (rows of torque,), SI, where enough are left; itself where none is higher."""
+        wanted = np.maximum(self.reversal_speed or 0.0, [float(f"{speed:.2g}") for speed in speeds])
+        made = replace(self, reversal_speed=tuple(wanted.tolist()))
+        often = made._shares(made.at(USUAL, given), wanted) >= KEPT
+        wanted = np.where(often, wanted, self.reversal_speed or 0.0)
+        if not np.any(wanted > np.array(self.reversal_speed or 0.0)):
+            return self
+        return replace(self, reversal_speed=tuple(wanted.tolist()), shaken=True)._clear_of_reversals(given)
 
     def bulk(self, given: Given) -> MotionFilters:
         """Filters for the bulk of the motion alone; these where there is no other motion."""
@@ -280,9 +296,11 @@ class MotionFilters:
         guard = treatment.reversal_guard_s
         where = "Rows whose filter window contains" if guard is None else f"Rows within {guard:.2g} s of"
         left = ", ".join(f"{100 * share:.0f}" for share in shares)
+        why = "the controller shakes the rotors by the steps of their encoders, which smooths dry friction"
+        why = why if self.shaken else "the sign of dry friction is uncertain at reversals"
         return (
-            f"{where} motion slower than {speeds} (of each motor, SI) are dropped, because the sign of dry friction is "
-            f"uncertain at reversals. {left} % of the motors' rows are kept.",
+            f"{where} motion slower than {speeds} (of each motor, SI) are dropped, because {why}. {left} % of the "
+            f"motors' rows are kept.",
         )
 
     def at_rest(self, reference: Treatment) -> tuple[str, ...]:

@@ -35,6 +35,7 @@ from haptid.treatment_choice.motion_filters import HIGHEST, USUAL, Given, Motion
 from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
 from haptid.treatment_choice.rounding import Rounding, rounding_effect
+from haptid.treatment_choice.shaking import shaken_speeds
 from haptid.treatment_choice.uncertainty import OF_POSITIONS, with_uncertain_delays
 
 # Cut-offs of the parallel filter over the motion's bandwidth: all that are tried, and that of the filter behind which
@@ -116,6 +117,9 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         filters = _known_to_the_torque(filters, given)
     times, why = USUAL, ""
     treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)
+    unshaken, filters = filters, _faster_than_shaking(filters, treatment, given)
+    if filters is not unshaken:
+        treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
     if filters.may_clear and "reversal_guard_s" not in given:
         clear = replace(filters, near=False)
         settings = {**given, "torque_delay_s": treatment.torque_delay_s}
@@ -142,6 +146,17 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     reasons = (*filters.reasons(treatment, why, given), *why_rows, *choice.why_block, *why_time)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
     return Proposal(treatment, reasons, reference, delays, filters.bandwidth, choice.effects, choice.rounding)
+
+
+def _faster_than_shaking(filters: MotionFilters, treatment: Treatment, given: Given) -> MotionFilters:
+    """Filters without rows slower than the speeds at which a controller shakes the rotors."""
+    if not any(filters.reversal_speed) or "reversal_speed" in given or treatment.momentum:
+        return filters
+    try:
+        speeds = shaken_speeds(filters.model, filters.logs, treatment, filters.bandwidth)
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
+        return filters
+    return filters.faster_than(speeds, given) if speeds.any() else filters
 
 
 def _parallel_times(filters: MotionFilters, settings: Given) -> tuple[float, str]:
