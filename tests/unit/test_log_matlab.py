@@ -139,6 +139,10 @@ def test_samples_taken_again_at_each_pose_are_no_joints(tmp_path: Path) -> None:
     channels = tomllib.loads(survey(tmp_path / "run.mat").table)["channels"]
     assert channels["position"]["channels"] == [f"current_position[{k}][1]" for k in (1, 2, 3)]
     assert channels["torque"]["channels"] == [f"desired_effort[{k}][1]" for k in (1, 2, 3)]
+    trials = np.stack([np.sin(np.arange(300)[:, None] * np.array([0.03, 0.05, 0.08]) + k) for k in range(2)])
+    io.savemat(tmp_path / "run.mat", {"dof_pos": trials, "torques": np.cos(trials)})  # joints that move as far
+    channels = tomllib.loads(survey(tmp_path / "run.mat").table)["channels"]
+    assert channels["position"] == {"field": "dof_pos[1]", "joints": [1, 2, 3], "unit": "rad"}
 
 
 @pytest.mark.parametrize("name", ["run.mat", "run.npz"])

@@ -11,6 +11,7 @@ from haptid.log.survey.channels import A_PART, ChannelSurvey, Quantity, TopicSur
 from haptid.log.survey.joint_names import matched
 from haptid.log.survey.names import (
     ANGLE,
+    NESTED,
     QUANTITY_WORDS,
     base_of,
     drive_unit,
@@ -39,9 +40,6 @@ _DRIVE = ("duty", "voltage", "current", "")
 _DRIVE_UNITS = {"A": "current", "mA": "current", "V": "voltage", "mV": "voltage"}
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
-# An array of arrays; fewest channels of one that are repeats, and the share of their range by which their ends differ.
-_NESTED = re.compile(r"(?P<array>.*)\[(?P<outer>\d+)\]\[\d+\]")
-_REPEATS, _REPEATED = 3, 0.05
 # What is desired of a measured signal beside it, or its rate: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleD`.
 _DESIRED = re.compile(r"(?:_d|(?<=[a-z])D)(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
@@ -138,7 +136,7 @@ class ChannelFamily:
 
 def _joint_words(name: str, family: Sequence[ChannelSurvey]) -> str:
     """The part of a channel's name that differs between the channels of its family: the joint's name."""
-    nested = [m["outer"] for c in family if (m := _NESTED.fullmatch(c.name))]
+    nested = [m["outer"] for c in family if (m := NESTED.fullmatch(c.name))]
     if len(set(nested)) == len(family) > 1:
         return nested[[c.name for c in family].index(name)]
     split = {c.name: _SEPARATOR.split(m["element"] if (m := element_of(c.name)) else base_of(c.name)) for c in family}
@@ -175,7 +173,7 @@ def channel_families(
                     array += " desired"
                 arrays.setdefault(array, []).append(channel)
         groups, place = (
-            _joined(_of_repeats(arrays, topic)),
+            _joined(arrays),
             {channel.name: k for k, channel in enumerate(topic.channels)},
         )
         for array, channels in (*groups.items(), *_of_unlike_names(groups)):
@@ -207,43 +205,6 @@ def _without(name: str, joints: re.Pattern[str] | None) -> str:
     """A channel's name without that of its joint; whole where nothing but a number would be left of it."""
     short = joints.sub("#", name) if joints else name
     return short if words_of(short) else name
-
-
-def _of_repeats(arrays: dict[str, list[ChannelSurvey]], topic: TopicSurvey) -> dict[str, list[ChannelSurvey]]:
-    """Families, of `q[joint][sample]` the first samples of all joints where those of each position have one range.
-
-    So are samples that were taken several times at each pose, as by the gravity compensation of the dVRK, and runs that
-    were repeated. Torques are as the positions of their shape.
-    """
-    shapes = {
-        (len(groups), len(groups[0]))
-        for groups in _nested([channel for channel in topic.channels if channel.quantity == "position"]).values()
-        if _are_repeats(groups)
-    }
-    made = dict(arrays)
-    for name, groups in _nested([channel for own in arrays.values() for channel in own]).items():
-        if (len(groups), len(groups[0])) in shapes and len({len(own) for own in groups}) == 1:
-            made = {array: own for array, own in made.items() if own not in groups}
-            made[f"{name}[#]"] = [
-                replace(own[0], reason=f"{own[0].reason}; the first of {len(own)} that are alike") for own in groups
-            ]
-    return made
-
-
-def _nested(channels: Sequence[ChannelSurvey]) -> dict[str, list[list[ChannelSurvey]]]:
-    """Channels of arrays of arrays by the name of the outer one, a list for each of its elements."""
-    found: dict[str, dict[str, list[ChannelSurvey]]] = {}
-    for channel in channels:
-        if match := _NESTED.fullmatch(channel.name):
-            found.setdefault(match["array"], {}).setdefault(match["outer"], []).append(channel)
-    return {name: list(groups.values()) for name, groups in found.items()}
-
-
-def _are_repeats(groups: Sequence[Sequence[ChannelSurvey]]) -> bool:
-    """Whether the channels of each group have the same range."""
-    most = _REPEATED * max(c.high - c.low for own in groups for c in own)
-    ends = (abs(x) for own in groups for c in own for x in (c.low - own[0].low, c.high - own[0].high))
-    return len(groups) > 1 and min(map(len, groups)) >= _REPEATS and max(ends) <= most
 
 
 def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSurvey]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from haptid.log.formats.sniff import RawChannel
 from haptid.log.stamps import DOUBTED
 from haptid.log.survey.channels import ChannelSurvey, Quantity
+from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.names import (
     COMMAND_WORDS,
     COUNTED_WORDS,
@@ -48,6 +50,8 @@ _MEGA = 100.0
 _METRES = 5.0
 # A unit over another one, which no position and no torque has.
 _RATIO = re.compile(r"[^\W\d_][^/]*/")
+# Names of the rate of a cart's `x`, and the most poles that it carries.
+_RATES_OF_X, _POLES = ("x_dot", "xdot", "dx"), 3
 # Torques that are whole numbers, and reach more than this, are in a driver's unit.
 _WHOLE = 10.0
 
@@ -209,3 +213,28 @@ def commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
     if channel.quantity != "torque" or not channel.reason.startswith(_UNSTATED) or channel.unit == unit:
         return channel
     return replace(channel, unit=unit, reason=f"{_UNSTATED}; that of the device's motors")
+
+
+def lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
+    """Channels with a cart's `x` and `F`, where there is no y and z; beside other positions, a pole's, with more to it.
+
+    `x` is a cart's beside the angle of a pole where its rate, its planned position or a force `F` is there too.
+    """
+    positions = sum(channel.quantity == "position" for channel in channels)
+    letters = {channel.name.lower(): channel for channel in channels if channel.quantity == "other"}
+    more = letters.keys() & {"f", *_RATES_OF_X} or any(
+        {"x"} < words_of(name) & {"x", *WANTED_WORDS} for name in letters
+    )
+    if letters.keys() & {"y", "z", "fy", "fz"} or positions > (_POLES if more else 0):
+        return list(channels)
+    moved = positions and "x" in letters
+    found: list[tuple[str, Quantity]] = [("x", "position"), *((name, "velocity") for name in _RATES_OF_X if moved)]
+    if not any(channel.quantity == "torque" for channel in channels) and (moved or not positions):
+        found.append(("f", "torque"))
+    made = list(channels)
+    for name, quantity in found:
+        if channel := letters.get(name):
+            largest = max(abs(channel.low), abs(channel.high))
+            unit, reason = unit_of(quantity, frozenset({name}), largest, channel, "")
+            made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
+    return made

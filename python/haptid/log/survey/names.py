@@ -101,6 +101,8 @@ _ERROR = re.compile(r"e_(?=[A-Za-z])")
 # A word of angles behind another one: part of a joint's name where the quantity is said beside it.
 ANGLE = re.compile(r"(?i:(?<=[a-z0-9])[ _]angle(?![a-z]))")
 _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
+# An element of an array of arrays.
+NESTED = re.compile(r"(?P<array>.*)\[(?P<outer>\d+)\]\[(?P<inner>\d+)\]")
 _BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
 # A unit and a number, and units that such a name seldom means: a counter, or a number of turns, is no angle by itself.

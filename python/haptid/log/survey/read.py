@@ -32,8 +32,8 @@ from haptid.log.stamp_parts import fraction_unit, sum_of
 from haptid.log.survey.channels import A_PART, ChannelSurvey, Quantity, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
 from haptid.log.survey.families import WANTED_WORDS
-from haptid.log.survey.guesses import MAY_TURN, STATED, commanded, guessed, timed, unit_of, usual_step
-from haptid.log.survey.names import COMMAND_WORDS, element_of, is_straight, is_time, words_of
+from haptid.log.survey.guesses import MAY_TURN, STATED, commanded, guessed, lettered, timed, unit_of, usual_step
+from haptid.log.survey.names import COMMAND_WORDS, NESTED, element_of, is_straight, is_time, words_of
 from haptid.log.turns import turning_unit
 from haptid.log.units import scale
 
@@ -47,8 +47,8 @@ _MESSAGES = 20_000
 _FRACTION = 500.0
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
 _RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
-# Names of the rate of a cart's `x`, and the most poles that it carries.
-_RATES_OF_X, _POLES = ("x_dot", "xdot", "dx"), 3
+# Share of its deviation by which a channel that was taken again differs at most.
+_AGAIN = 0.02
 
 
 def survey(
@@ -232,7 +232,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             channels = _recognised(channels, content)
         period = 0.0 if rate else _named_period(channels, path, kind) or content.dt
         by_rates = _usual(1.0 / period) if period > 0 else 0.0
-    channels = _lettered(channels)
+    channels = _without_repeats(lettered(channels), path, kind)
     channels = _turning(_without_times(channels, path, kind), path, kind)
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = [_wrapped(c, path, kind) if c.quantity == "position" and c.usable else c for c in channels]
@@ -391,29 +391,42 @@ def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Cha
     return made
 
 
-def _lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
-    """Channels with a cart's `x` and `F`, where there is no y and z; beside other positions, a pole's, with more to it.
+def _without_repeats(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
+    """Channels `q[joint][sample]` that were taken again at each pose are of no quantity, but the first.
 
-    `x` is a cart's beside the angle of a pole where its rate, its planned position or a force `F` is there too.
+    So does the gravity compensation of the dVRK, and so are runs that were repeated. Torques are as the positions of
+    their shape.
     """
-    positions = sum(channel.quantity == "position" for channel in channels)
-    letters = {channel.name.lower(): channel for channel in channels if channel.quantity == "other"}
-    more = letters.keys() & {"f", *_RATES_OF_X} or any(
-        {"x"} < words_of(name) & {"x", *WANTED_WORDS} for name in letters
-    )
-    if letters.keys() & {"y", "z", "fy", "fz"} or positions > (_POLES if more else 0):
-        return list(channels)
-    moved = positions and "x" in letters
-    found: list[tuple[str, Quantity]] = [("x", "position"), *((name, "velocity") for name in _RATES_OF_X if moved)]
-    if not any(channel.quantity == "torque" for channel in channels) and (moved or not positions):
-        found.append(("f", "torque"))
-    made = list(channels)
-    for name, quantity in found:
-        if channel := letters.get(name):
-            largest = max(abs(channel.low), abs(channel.high))
-            unit, reason = unit_of(quantity, frozenset({name}), largest, channel, "")
-            made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
-    return made
+    nested: dict[tuple[Quantity, str], dict[str, list[ChannelSurvey]]] = {}
+    for channel in channels:
+        if match := NESTED.fullmatch(channel.name):
+            own = nested.setdefault((channel.quantity, match["array"]), {})
+            own.setdefault(match["outer"], []).append(channel)
+    groups = {key: list(found.values()) for key, found in nested.items() if len({len(x) for x in found.values()}) == 1}
+    shapes = {
+        (len(found), len(found[0]))
+        for (quantity, _), found in groups.items()
+        if quantity == "position" and len(found) > 1 and len(found[0]) > 2 and _are_repeats(found, path, kind)
+    }
+    again = {
+        channel.name: own[0].name
+        for found in groups.values()
+        if (len(found), len(found[0])) in shapes
+        for own in found
+        for channel in own[1:]
+    }
+    return [
+        replace(c, quantity="other", unit="", reason=f"taken again, as {again[c.name]}") if c.name in again else c
+        for c in channels
+    ]
+
+
+def _are_repeats(groups: Sequence[Sequence[ChannelSurvey]], path: Path, kind: Format) -> bool:
+    """Whether the samples of the channels of that array which moves farthest are the same."""
+    farthest = max(groups, key=lambda own: own[0].high - own[0].low)
+    columns = list(_columns(path, kind, [c.name for c in farthest[:_TOGETHER]], Request()).values())
+    first, most = columns[0], _AGAIN * float(np.nanstd(columns[0]))
+    return all(float(np.sqrt(np.nanmean((column - first) ** 2))) < most for column in columns[1:])
 
 
 def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
