@@ -94,7 +94,7 @@ def child(arguments: list[str], out: Path) -> None:
             depth -= 1
 
     builtins.__import__ = importing
-    from haptid.cli import main
+    from haptid.__main__ import program
 
     if arguments[0] == "identify":
         for module in found:
@@ -111,7 +111,7 @@ def child(arguments: list[str], out: Path) -> None:
                 setattr(holder, last, staticmethod(counted) if static else counted)
     sys.argv = ["haptid", *arguments]
     try:
-        main()
+        program()
     except SystemExit as done:
         if done.code not in (0, 1, None):  # 1: the study's criteria are not met
             raise

@@ -1,5 +1,6 @@
 """`haptid` and `python -m haptid`."""
 
+import gc
 import sys
 
 # Exit status of a command that was interrupted: 128 and the number of SIGINT, as in a shell.
@@ -8,6 +9,8 @@ _INTERRUPTED = 130
 
 def program() -> None:
     """Entry point; Ctrl-C while the commands are still being imported ends without a traceback."""
+    # The garbage collector would go through what is imported again and again, a tenth of a command's time.
+    gc.set_threshold(300_000, 50, 50)
     try:
         from haptid.cli import main as commands
 

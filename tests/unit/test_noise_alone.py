@@ -16,6 +16,8 @@ from diagnosed import log, phantom
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.targets import targets
 from haptid.log.noise_alone import noise_alone
+from haptid.log.spectrum import bulk_bandwidth, fastest, spectra
+from haptid.motion.motion import with_positions
 from haptid.motion.noise_torques import rows_of_noise
 from haptid.study.identify import identify
 from haptid.study.read import read_study
@@ -150,3 +152,18 @@ def test_a_study_with_a_motor_of_noise_identifies_the_others(tmp_path: Path) -> 
     assert said.compensation == "doubt"
     assert all("no row of motor 2 is used" in sentence for sentence in said.sentences[:3])
     assert "no row" not in str(diagnose(clean.estimate, clean.unseen[0]).verdict)
+
+
+def test_a_motion_with_other_positions_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The choice of a treatment has dozens of them; its torques are the log's."""
+    made = with_noise(1e-2)
+    found = noise_alone(made)
+    moved = with_positions(haptid.treat(made, TREATMENT), made.position + 1e-6)
+    for name in ("spectra", "fastest"):
+        monkeypatch.setattr(f"haptid.log.noise_alone.{name}", None)
+    assert found.tolist() == noise_alone(moved.log).tolist() == [False, False, True]
+
+
+def test_the_bandwidth_is_the_same_by_the_spectra_of_the_whole_log() -> None:
+    made = log(3)
+    assert bulk_bandwidth(spectra(made)) == fastest(made.position.T, float(made.dt))

@@ -59,11 +59,11 @@ def test_every_command_is_known_by_its_name() -> None:
     [
         (
             "haptid.advice, haptid.report.report",
-            "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial scipy.ndimage matplotlib",
+            "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial scipy.ndimage matplotlib asyncio",
         ),
         (
             "haptid.report.run, haptid.report.tables",
-            "haptid.advice haptid.report.report jinja2 scipy.optimize matplotlib",
+            "haptid.advice haptid.report.report jinja2 scipy.optimize matplotlib asyncio",
         ),
         ("haptid.experiment.excitation", "scipy.stats scipy.signal matplotlib mujoco"),
     ],

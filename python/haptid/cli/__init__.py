@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 import traceback
@@ -57,8 +56,6 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Pydantic would look for plugins of its own in the metadata of every installed package.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # The garbage collector would go through what is imported again and again, a tenth of a command's time.
-    gc.set_threshold(300_000, 50, 50)
     is_completion = COMPLETION_VARIABLE in os.environ
     if is_completion:
         from typer.completion import completion_init  # type: ignore[attr-defined]

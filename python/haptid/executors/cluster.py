@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import pickle
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -34,6 +32,9 @@ class DaskExecutor:
         A client of Dask that gets no answer is never closed: it prints a traceback of its own when the program ends,
         and waits for ever where something else listens.
         """
+        import asyncio  # slow to import, and few commands have a cluster
+        from concurrent.futures import ThreadPoolExecutor
+
         distributed = _distributed()
         try:
             # A thread of its own: that of a notebook has an event loop that runs.
@@ -84,6 +85,8 @@ def _distributed() -> Any:
 
 async def _role(distributed: Any, address: str) -> str:
     """What answers at an address: "Scheduler", "Worker" or "Nanny"."""
+    import asyncio
+
     security = distributed.Security().get_connection_args("client")
     # What listens and says nothing is left later than what cannot be reached, so that its error is its own.
     there = distributed.rpc(address, timeout=PATIENCE, connection_args=security)

@@ -9,7 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.signals import kaiser_window, welch
 from haptid.log.log import Log
-from haptid.log.spectrum import fastest
+from haptid.log.spectrum import bulk_bandwidth, fastest, spectra
 from haptid.uncertainty.distributions import f_tail
 
 # Samples of a log that are looked at, at most, and windows that they are divided into; shape of these.
@@ -40,12 +40,20 @@ def noise_alone(log: Log) -> np.ndarray:
         torque, position = np.asarray(log.torque[part]), np.asarray(log.position[part])
         flat = np.zeros(torque.shape[1], dtype=bool)
         if torque.shape == position.shape:
-            edge = fastest(position.T, log.dt)
+            # The choice of a treatment has the spectra of the whole log.
+            known = len(position) == len(log.t) and log.usable_bandwidth_hz is None
+            edge = bulk_bandwidth(spectra(log)) if known else fastest(position.T, log.dt)
             travels = np.ptp(position, axis=0)
             flat = _flat(torque, edge, log.dt, log.usable_bandwidth_hz) & (travels > _STILL * travels.max())
             flat[flat] = [not _follows(torque, position, edge, log.dt, int(k)) for k in np.flatnonzero(flat)]
         _FOUND[log] = flat
     return _FOUND[log]
+
+
+def with_torques_of(log: Log, other: Log) -> Log:
+    """A log of which it is known that its torques are another's; its positions may differ by noise and filters."""
+    _FOUND[log] = noise_alone(other)
+    return log
 
 
 def _flat(torque: Array, edge: float, dt: float, highest: float | None) -> np.ndarray:

@@ -208,8 +208,12 @@ def fastest(channels: Iterable[Array], dt: float) -> float:
 
     A joint that is held has noise, or a vibration of a few steps of its encoder, and nothing else.
     """
-    found = [Spectrum.of(channel, dt) for channel in channels]
-    found = [own.narrowed() for own in found if own.motion_rms > _STEPS * own.step]
+    return bulk_bandwidth([Spectrum.of(channel, dt) for channel in channels])
+
+
+def bulk_bandwidth(channels: Sequence[Spectrum]) -> float:
+    """The same of the spectra of the channels, Hz."""
+    found = [own.narrowed() for own in channels if own.motion_rms > _STEPS * own.step]
     return max(own.bandwidth for own in _moving(found)) if found else 0.0
 
 

@@ -19,6 +19,7 @@ from haptid._internal.display import Overview, displayed
 from haptid._internal.signals import both_ways
 from haptid.errors import LogTimeError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
+from haptid.log.noise_alone import with_torques_of
 from haptid.log.resampling import Spans
 from haptid.motion.filters import DIFFERENCES, SECOND_DIFFERENCES, bad_setting
 from haptid.motion.streaming import CUBIC, SMOOTH, Delayed, delayed, filtered
@@ -350,7 +351,7 @@ def _evaluated_later(q: Array, shared: dict[Any, Any], lead: float) -> tuple[Arr
 def with_positions(motion: Motion, position: Array) -> Motion:
     """The motion of a log with other positions in its channels, (n, channels), treated alike; its torque stays."""
     assert motion.log is not None
-    log = replace(motion.log, position=position)
+    log = with_torques_of(replace(motion.log, position=position), motion.log)
     q, shared = _positions(log, motion.treatment.position_filter(motion.dt))
     q, shared = _evaluated_later(q, shared, motion.treatment.position_lead_s / motion.dt)
     return replace(motion, q=q, log=log, _shared=shared)

@@ -14,6 +14,7 @@ from haptid.estimation.least_squares import Solution
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.motion import Motion
 from haptid.observation.observation import MotorRows, Observation, stacked
+from haptid.observation.r_factor import r_factor
 from haptid.observation.rows import chunks
 
 # Correlation below which the rest of the autocorrelation is noise, and the largest lag as a share of the rows.
@@ -74,14 +75,16 @@ def least_squares(observation: Observation) -> Array:
 
 def solve_excited(motors: Sequence[MotorRows], weights: Array, known: Array) -> Solution:
     """Least squares on R factors and prior rows (k, columns + 1), in the directions that are excited."""
-    whole = np.concatenate([known, stacked(motors, weights, known.shape[1] - 1)])
-    X, y = whole[:, :-1], whole[:, -1]
-    lengths = np.linalg.norm(X, axis=0)
+    # By their R factor: singular values of all rows take three times as long.
+    factor = r_factor(np.concatenate([known, stacked(motors, weights, known.shape[1] - 1)]))
+    R, z = factor[:-1, :-1], factor[:-1, -1]
+    lengths = np.linalg.norm(R, axis=0)
     lengths[lengths == 0] = 1.0
-    U, singular, Vt = np.linalg.svd(X / lengths, full_matrices=False)
+    U, singular, Vt = np.linalg.svd(R / lengths)
     kept = singular > LEAST_EXCITED * singular[0]
     root = (Vt[kept].T / singular[kept]) / lengths[:, None]
-    beta = root @ (U[:, kept].T @ y)
+    beta = root @ (U[:, kept].T @ z)
+    rest = float(np.hypot(np.linalg.norm(z - R @ beta), factor[-1, -1]))
     many = int(sum(motor.rows.sum() for motor in motors)) - int(kept.sum())
     pull = known[:, :-1] @ root if len(known) else None
-    return Solution(beta, np.diag(singular[kept]), root, float(np.linalg.norm(y - X @ beta)), max(many, 1), pull)
+    return Solution(beta, np.diag(singular[kept]), root, rest, max(many, 1), pull)
