@@ -15,6 +15,7 @@ from haptid.log import Channels, Signal, read_log
 from haptid.log.file_format import format_of
 from haptid.log.formats.mat_objects import leaves
 from haptid.log.survey import survey
+from haptid.log.survey.draft import channels_table
 
 N = 120
 T = np.arange(N) * 0.01
@@ -159,6 +160,20 @@ def test_arrays_of_trials(tmp_path: Path, name: str) -> None:
     assert channels["position"]["field"] == "angles[1]"
     assert channels["torque"]["field"] == "torques[1]"
     assert channels["torque"]["joints"] == [1, 2]
+
+
+@pytest.mark.parametrize(("axis", "names"), [(0, "[1][{}]"), (1, "[{}][1]")])
+def test_joints_of_several_robots_are_as_many_as_the_device_s(tmp_path: Path, axis: int, names: str) -> None:
+    """Rollouts of a simulation, robots before samples or behind them: two robots were drafted as two joints."""
+    q = np.sin(np.arange(300)[:, None] * np.array([0.03, 0.05, 0.08]))
+    robots = np.stack([q, 1.1 * q + 0.2], axis=axis)
+    np.savez(tmp_path / "run.npz", joint_pos=robots, applied_torque=np.cos(robots))
+    legs = [("hip",), ("thigh",), ("calf",)]
+    table = channels_table(survey(tmp_path / "run.npz").topics, format_of(tmp_path / "run.npz"), legs, legs, ())
+    for key, array in (("position", "joint_pos"), ("torque", "applied_torque")):
+        signal = tomllib.loads(f"rate_hz = 100\n{table}")["channels"][key]
+        found = signal.get("channels") or [f"{signal['field']}[{joint}]" for joint in signal["joints"]]
+        assert found == [array + names.format(k) for k in (1, 2, 3)]
 
 
 def named(pairs: dict[str, tuple[np.ndarray, str]], key: str, unit: str) -> np.ndarray:

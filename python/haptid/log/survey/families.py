@@ -172,14 +172,24 @@ def channel_families(
                 if _DESIRED.search(channel.name) and _DESIRED.sub("", channel.name) in all_names:
                     array += " desired"
                 arrays.setdefault(array, []).append(channel)
-        groups, place = (
-            _joined(arrays),
-            {channel.name: k for k, channel in enumerate(topic.channels)},
-        )
+        groups, place = _joined(arrays), {channel.name: k for k, channel in enumerate(topic.channels)}
         for array, channels in (*groups.items(), *_of_unlike_names(groups)):
             kept = sorted((c for c in channels if not _is_copy(c, channels)), key=lambda c: place[c.name])
             found.append(ChannelFamily(topic, array, tuple(kept)))
+        found += _across(topic, arrays) if joints else []
     return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _across(topic: TopicSurvey, arrays: dict[str, list[ChannelSurvey]]) -> list[ChannelFamily]:
+    """Families `q[1][1]`, `q[2][1]`, ... of arrays of arrays, as where trials, or robots of a simulation, come last.
+
+    Where they are as many as the device's joints, they are taken before those of `q[1]` that are not.
+    """
+    firsts: dict[str, list[ChannelSurvey]] = {}
+    for channels in arrays.values():
+        if match := NESTED.fullmatch(channels[0].name):
+            firsts.setdefault(match["array"], []).append(channels[0])
+    return [ChannelFamily(topic, f"{name}[#]", tuple(own)) for name, own in firsts.items() if len(own) > 1]
 
 
 def _is_copy(channel: ChannelSurvey, family: Sequence[ChannelSurvey]) -> bool:
