@@ -185,3 +185,22 @@ def test_friction_at_rest_is_no_contact() -> None:
         assert found.kind == kind
     assert "rests" in CHANGES["rest"]
     assert "rest" in MASKS
+
+
+def test_what_sticks_in_a_validation_log_is_left_out_there_too(tmp_path: Path) -> None:
+    """Its error fell by nothing, so that leaving out the parts of the fit was not confirmed."""
+    path = small_study.write_study(tmp_path)
+    path.write_text(small_study.STUDY.replace("[treatment]\ncutoff_hz = 30\ndecimation = 5\n", ""))
+    for seed, name in ((1, "log.csv"), (2, "check.csv")):
+        made = small_study.columns(seed, 20.0)
+        for start in np.random.default_rng(seed).integers(100, len(made["t"]) - 160, 12):
+            made["q2"][start : start + 50] = made["q2"][start]
+        pyarrow.csv.write_csv(pa.table(made), tmp_path / name)
+    found = identify(read_study(path))
+    said = advise(found)
+    (stuck,) = (one for one in said.actions if one.kind == "stuck position")
+    assert {edit.path for edit in stuck.edits} == {("logs", 0), ("all logs", 1)}
+    made = apply.apply_advice(said, found, tmp_path / "out")
+    assert made is not None
+    assert made.after < 0.7 * made.before
+    assert (tmp_path / "out" / "study.toml").read_text().count("exclude") == 2

@@ -136,3 +136,18 @@ def test_of_a_long_log_with_true_stamps_only_pieces_are_counted(
     assert read_long(tmp_path, 0, 0) == "regular"
     assert len(counted) == 1
     assert counted[0] < 150_000 / 7
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_encoder_that_sticks_is_no_queue(tmp_path: Path, seed: int) -> None:
+    """The other joint is slow in these moments; the log was resampled, with an error of up to 193 % of the torque."""
+    rng, t = np.random.default_rng(seed), np.arange(MANY) * PERIOD
+    q = np.stack([0.02 * np.sin(3 * t), np.cos(5.1 * t + 0.3)], axis=-1)
+    q = 1e-5 * np.round(q / 1e-5)
+    for start in rng.integers(0, MANY - 60, 12):
+        q[start : start + 50, 1] = q[start, 1]
+    np.savez(tmp_path / "log.npz", t=t, q=q, tau=rng.normal(size=(MANY, 2)))
+    channels = Channels(Signal(("q[1]", "q[2]"), "rad"), Signal(("tau[1]", "tau[2]"), "N m"), time="t")
+    log = read_log(tmp_path / "log.npz", channels)
+    assert "periods" not in " ".join(log.time_base.sentences)
+    np.testing.assert_array_equal(np.asarray(log.position), q)

@@ -14,7 +14,7 @@ from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.common_delay import KIND as COMMON_DELAY
 from haptid.advice.common_delay import with_common_delay
 from haptid.advice.conventions import OtherCounts, other_counts
-from haptid.advice.edits import Edit, edits_of
+from haptid.advice.edits import Edit, edits_of, of_validation_logs
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
 from haptid.advice.orders import OtherOrder, other_order
@@ -122,7 +122,14 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         for one in made
     ]
     listed = [action for action in listed if action.after < action.before]
-    others = [_mask_action(mask, edits_of(whole, mask, treatment), search.bench.blocks) for mask in masks]
+    others = [
+        _mask_action(
+            mask,
+            (*edits_of(whole, mask, treatment), *of_validation_logs(found, mask.candidate)),
+            search.bench.blocks,
+        )
+        for mask in masks
+    ]
     others += [*([_filter_action(other, search.bench.blocks)] if other else []), *_use(found)]
     for one in others:  # the rest keep their order
         listed.insert(sum(not action.motor and action.falls > one.falls for action in listed), one)

@@ -13,13 +13,15 @@ from typing import Any, Literal
 import numpy as np
 
 from haptid.advice.columns import POWERS_OF_POSITION
-from haptid.advice.search import Proven, Trials
+from haptid.advice.recorder import faults
+from haptid.advice.search import Proven, Trials, TriedChange
 from haptid.device import Device
 from haptid.device.toml.reader import checked_tables, file_text
 from haptid.errors import OutputFolderError
 from haptid.motion.treatment import Treatment
 from haptid.observation.geometry_slopes import horizontal_axes
 from haptid.study import Study
+from haptid.study.identify import Identification
 from haptid.study.read import read_study
 
 # Kinds that are a term of a device file by themselves.
@@ -50,7 +52,8 @@ class Edit:
         file: which file.
         operation: append to a list, set, add to a number, multiply it, exchange two channels (of positions with their
             velocities), exclude ranges of time, or remove a log.
-        path: keys from the top of the file; "channels" is every table of channels.
+        path: keys from the top of the file; "channels" is every table of channels, "logs" are those of the fit, "all
+            logs" all of them.
         value: what is appended, set, added, multiplied by; indices of the entries; ranges, s.
         index: entry of a list of numbers, one for each channel; None for all.
     """
@@ -147,6 +150,19 @@ def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
     return made
 
 
+def of_validation_logs(found: Identification, one: TriedChange) -> Iterator[Edit]:
+    """Edits that leave out of validation logs what the same fault of a channel spoils there, which is no error of a
+    model; none of what only a model shows, as a contact."""
+    for number, run in enumerate(found.runs):
+        log = run.motion.log
+        if run.entry.role != "validate" or log is None or one.fault is None:
+            continue
+        for fault in faults(log):
+            if fault.kind == one.kind in ("stuck position", "clipped torque") and fault.channel in one.indices:
+                ranges = _ranges(np.asarray(log.t), fault.samples)
+                yield Edit("study", "exclude", ("all logs", number), ranges)
+
+
 def _ranges(t: np.ndarray, true: np.ndarray) -> list[list[float]]:
     """First and last time of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
@@ -212,8 +228,9 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
             _apply(device, edit.path, edit)
         elif edit.operation == "remove":
             gone.append(fitted[int(edit.path[1])])
-        elif edit.path[0] == "logs":
-            log = plan["logs"][fitted[int(edit.path[1])]]
+        elif edit.operation == "exclude":
+            number = int(edit.path[1])
+            log = plan["logs"][fitted[number] if edit.path[0] == "logs" else number]
             log["exclude"] = sorted([*log.get("exclude", []), *edit.value])
         elif edit.path[0] == "channels":
             for table in [plan, *plan["logs"]]:

@@ -27,6 +27,8 @@ _CLEAR, _NEAR = 0.1, 0.25
 _MANY, _WHOLE = 0.2, 0.97
 # Least share of steps of one period around a step.
 _SINGLE = 0.3
+# Share of the rows counted as an earlier sample that repeat it in some channels alone, from which on an encoder sticks.
+_STICKS = 0.1
 # Longest step that is counted, periods.
 LONGEST_COUNT = 20
 # A step that differs between channels by more than this many standard deviations of their noise, and by more than this
@@ -77,7 +79,18 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
         moves = made.periods[part] > 0  # of a rest between moves, zero periods are as clear as of a repeated row
         resolved, moved = resolved + int(counted_here.sum()), moved + int((counted_here & moves).sum())
         whole += int((made.clear[part] & moves).sum())
-    return made if resolved > _MANY * (rows - 1) and whole > _WHOLE * moved else None
+    told = resolved > _MANY * (rows - 1) and whole > _WHOLE * moved
+    return made if told and not _sticks(channels, made) else None
+
+
+def _sticks(channels: list[Array], made: StepCounts) -> bool:
+    """Whether many rows that are counted as an earlier sample are that in some channels and not in others.
+
+    So it is of an encoder that sticks; a row that a recorder repeats is repeated in all channels.
+    """
+    earlier = made.clear & (made.periods == 0)
+    same = np.array([np.diff(channel)[earlier] == 0 for channel in channels])
+    return bool(earlier.any() and (same.any(axis=0) & ~same.all(axis=0)).mean() > _STICKS)
 
 
 def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
