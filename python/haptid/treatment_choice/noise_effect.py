@@ -15,10 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
+from haptid.estimation.bias import carried, less, may_be_less
+from haptid.estimation.method import Fitting
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum
 from haptid.motion.motion import treat, with_positions
@@ -72,22 +74,24 @@ def _known(model: DynamicModel) -> Mapping[str, float]:
 def without_bias(estimate: Estimate, effects: Mapping[str, Array]) -> tuple[Estimate, Mapping[str, Array]]:
     """An estimate of a device with springs less its bias by noise and filter, and what this leaves uncertain.
 
-    Of other devices both are as they are. Inequality constraints move other parameters as well: of such an estimate
-    nothing is subtracted, and all of the bias is uncertain.
+    Of other devices both are as they are. Of intervals by `Profile` nothing is subtracted, and all of the bias is
+    uncertain. A method that is not least squares, such as `ErrorsInVariables`, corrects for the noise in its own way:
+    of its estimate only the filter's bias is subtracted.
 
     Args:
-        estimate: by least squares.
-        effects: standard errors by noise and filter, as `noise_effect` has them.
+        estimate: of any method.
+        effects: standard errors by noise and filter, of least squares, as `noise_effect` has them.
     """
-    own, known = estimate.quantities, _known(estimate.model)
-    effects = {name: shift for name, shift in effects.items() if shift.shape[1] == len(own.values)}
+    p, known = len(estimate.beta), _known(estimate.model)
+    effects = {name: carried(estimate, shift) for name, shift in effects.items() if shift.shape[1] == p}
     if not estimate.model.device.elastic:
         return estimate, effects
     whole = {name: shift / known[name] for name, shift in effects.items()}
-    if estimate.constrained_fit is not None:
+    if not may_be_less(estimate):
         return estimate, whole
-    values = own.values - sum((shift[0] for shift in whole.values()), np.zeros(len(own.values)))
-    return replace(estimate, quantities=replace(own, values=read_only(values))), effects
+    if isinstance(estimate.method, Fitting):
+        whole.pop("encoder noise", None)
+    return less(estimate, sum((shift[0] for shift in whole.values()), np.zeros(p))), effects
 
 
 def possible_noise(

@@ -17,6 +17,7 @@ from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ConvergenceError, PhysicalConsistencyError
 from haptid.estimation import Estimate, Method, estimate
+from haptid.estimation.bias import carried, less, may_be_less
 from haptid.estimation.feasibility.feasible import nearest_base_parameters
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Limiting
@@ -50,6 +51,8 @@ _LEAST_GAIN = 0.02
 # Error of the consistent fit, in those of the free one, from which on what is wrong is not the noise.
 CLASH = 2.0
 CONSISTENT, FREE, RIDGE, ENTROPIC, ANCHORED = "consistent", "free", "ridge", "entropic", "anchored"
+# Name of the uncertainty by a bias that cannot be subtracted.
+_BIAS = "bias by the treatment"
 # Parameters that are named in a sentence; what to record for them, which a note on those not told at all says itself.
 _NAMED = 4
 _RECORD = " Record motion of these joints, fast and at other poses."
@@ -249,8 +252,11 @@ def _made(fitted: Estimate, name: str, strength: float | None) -> Estimate:
     else:
         method = PhysicallyConsistent(fitted.method)
     limited = isinstance(fitted.intervals, Limiting) and name != CONSISTENT
-    intervals = ClusterRobust() if limited else fitted.intervals
-    return estimate(fitted.observation, method, intervals).with_nuisances_of(fitted)
+    made = estimate(fitted.observation, method, ClusterRobust() if limited else fitted.intervals)
+    bias = carried(made, (fitted.fit.solution.beta - fitted.free)[None])[0]
+    if bias.any():  # which the treatment of the log has, and the free fit is without
+        made = less(made, bias) if may_be_less(made) else made.with_nuisance(_BIAS, bias[None])
+    return made.with_nuisances_of(fitted)
 
 
 @dataclass(frozen=True, eq=False)
