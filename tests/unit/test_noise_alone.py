@@ -59,6 +59,9 @@ def test_where_no_motor_shows_more_all_keep_their_rows() -> None:
     made = changed(made, np.random.default_rng(1).standard_normal(made.torque.shape))
     assert noise_alone(made).all()
     assert not rows_of_noise(phantom().device, made).any()
+    rows = haptid.observe(phantom(), haptid.treat(made, TREATMENT))
+    (said,) = (note for note in rows.notes if "follows the motion" in note)
+    assert "all channels are noise, and nothing can be identified from it" in said
 
 
 def test_a_noisy_torque_is_no_noise_alone() -> None:

@@ -38,7 +38,13 @@ def rows_of_noise(device: Device, log: Log) -> np.ndarray:
 
 
 def said_of_noise(device: Device, log: Log) -> tuple[str, ...]:
-    """A sentence for each motor whose rows are not used because its torque shows noise alone."""
+    """A sentence for each motor whose rows are not used because its torque shows noise alone; one where all do."""
+    if noise_alone(log).all():
+        return (
+            f"{log.path.name}: no torque follows the motion, while the joints move: all channels are noise, and "
+            "nothing can be identified from it. Check that the channels are connected and are the motors' torques; "
+            "where the motors were off, record again with them on.",
+        )
     return tuple(_sentence(device, log, int(k)) for k in np.flatnonzero(rows_of_noise(device, log)))
 
 
