@@ -69,6 +69,13 @@ def test_exchanged_channels() -> None:
     assert raised.value.found == pytest.approx(2.5, rel=0.05)
 
 
+def test_a_joint_outside_its_limits_is_not_exchanged_with_one_of_wide_limits() -> None:
+    """A controller's zero is a quarter turn away: the other joint is within its own limits, wide as they are."""
+    a, b = 1.2 * np.sin(T), 2.6 + 1.4 * np.cos(T)
+    (sentence,) = check_against(log(np.column_stack([a, b])), ((-6.3, 6.3), (-3.1, 3.1)), (False, False), NAMES)
+    assert "joint B runs from 1.2" in sentence
+
+
 def test_a_joint_outside_its_limits_is_only_mentioned() -> None:
     (sentence,) = check_against(log(motion()), ((-1.0, 1.0), (0.0, 3.0)), (False, False), NAMES)
     assert "joint A runs from -1.2 to 1.2, outside its limits -1 .. 1" in sentence
