@@ -60,7 +60,7 @@ def clipped(tau: Array) -> np.ndarray:
     """Samples in which a torque, (n,), stays at its extreme; none where values next to it are about as frequent."""
     at_limit = runs(tau == tau.min(), CLIPPED_RUN) | runs(tau == tau.max(), CLIPPED_RUN)
     if not at_limit.any():  # as of most channels; to count all values takes longer
-        return at_limit
+        return np.asarray(at_limit)
     values, count = np.unique(tau, return_counts=True)
     if len(values) <= CLIPPED_RUN:
         return np.zeros_like(at_limit)
