@@ -34,8 +34,8 @@ from long_log import PERIOD, RATE_HZ, periodic_motion
 
 DEVICE = "phantom_premium_15"
 SIZES, FILE = (10**5, 10**6, 10**7, 10**8), 500_000
-# Files of the runs on a cluster, at three sizes; pairs of runs with one worker and two; empty tasks.
-FILES, PAIRS, EMPTY = (4, 8, 16), 4, 200
+# Files of the runs on a cluster, at three sizes; pairs of runs of the largest with one worker and two; empty tasks.
+FILES, PAIRS, EMPTY = (8, 16, 32), 3, 200
 # Settings of the C library's allocator in workers. Dask's own give memory back at every array: twice the work.
 KEPT = {"MALLOC_TRIM_THRESHOLD_": "1000000000", "MALLOC_MMAP_THRESHOLD_": "33554432"}
 # Of the extrapolation: samples, workers, and what is assumed, bytes/s: of each worker, of the store to all together.
@@ -150,7 +150,7 @@ def on_a_cluster(folder: Path) -> dict[str, float]:
     with cluster(1, KEPT) as one, cluster(2, KEPT) as two:
         for address in (one, two):
             pooled(sets[FILES[0]], address)  # everything is imported
-        pairs = [[pooled(sets[FILES[1]], address) for address in (one, two)] for _ in range(PAIRS)]
+        pairs = [[pooled(sets[FILES[-1]], address) for address in (one, two)] for _ in range(PAIRS)]
         figures["one worker's time over that of two, median"] = middle([a.seconds / b.seconds for a, b in pairs])
         figures["one worker's time over that of two, least"] = min(a.seconds / b.seconds for a, b in pairs)
         figures["one worker's time over that of two, greatest"] = max(a.seconds / b.seconds for a, b in pairs)
