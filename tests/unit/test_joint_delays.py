@@ -10,6 +10,7 @@ import pytest
 import haptid
 from elastic_motors import axis, recorded
 from haptid.estimation.intervals.cluster_robust import clustered
+from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import with_prior_variance
 from haptid.treatment_choice.delay_estimate import _problem, delay_prior, find_delays, with_delay_uncertainty
 
@@ -54,3 +55,13 @@ def test_another_estimate_takes_over_what_the_delay_moves(found):
     expected, _ = with_prior_variance(other.covariance, other.dof, np.eye(len(other.beta)), moved)
     expected = expected + made.shifts.T @ made.shifts
     np.testing.assert_allclose(other.with_nuisances_of(made).covariance, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_errors_of_the_model_are_told_from_the_residual_alone(found, tmp_path):
+    """The part of the delay has one direction, in which groups of like blocks differed more than blocks."""
+    estimate, delays = found
+    made = with_delay_uncertainty(estimate, delays)
+    assert made.clusters.misfit == pytest.approx(estimate.clusters.misfit)
+    assert np.abs(made.clusters.s - estimate.clusters.s).max() > 0.1
+    made.clusters.save(tmp_path / "clusters.npz")
+    assert Clusters.load(tmp_path / "clusters.npz").misfit == pytest.approx(made.clusters.misfit)

@@ -116,9 +116,14 @@ class Fit:
             G[blocks] += gram
             s[blocks] += score
             present[blocks] = True
-        if self.moved is not None:
-            s[present] += self.moved[present] @ np.linalg.pinv(self.solution.root).T
+        if self.moved_scores is not None:
+            s[present] += self.moved_scores[present]
         return BlockMoments(G[present], s[present], np.flatnonzero(present))
+
+    @cached_property
+    def moved_scores(self) -> Array | None:
+        """What nuisances of the same rows add to the score of each time block, (blocks, k); None without any."""
+        return None if self.moved is None else self.moved @ np.linalg.pinv(self.solution.root).T
 
     def _cells(self) -> Iterator[tuple[np.ndarray, Array, Array]]:
         """Indices of some blocks of one motor, and their G and s."""

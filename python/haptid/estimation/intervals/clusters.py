@@ -28,6 +28,7 @@ class Clusters:
         G, s: information and score of each block, (blocks, k, k) and (blocks, k).
         shifts: by how much one standard error of each nuisance moves the base parameters, (n, p), SI.
         misfit_shifts: by how much terms that the model lacks would, (m, p), SI: standard errors in comparisons alone.
+        moved: the part of `s` by nuisances that are estimated from the same rows, (blocks, k); None without any.
     """
 
     root: Array
@@ -35,6 +36,7 @@ class Clusters:
     s: Array
     shifts: Array
     misfit_shifts: Array
+    moved: Array | None = None
 
     def __post_init__(self) -> None:
         k = self.root.shape[1]
@@ -44,7 +46,9 @@ class Clusters:
     def of(fit: Fit, shifts: Array) -> Clusters:
         """Of a fit, and the shifts of its nuisances, (n, p)."""
         moments = fit.pooled_moments
-        return Clusters(fit.solution.root, moments.G, moments.s, shifts, np.zeros((0, len(fit.solution.root))))
+        root, moved = fit.solution.root, fit.moved_scores
+        none = np.zeros((0, len(root)))
+        return Clusters(root, moments.G, moments.s, shifts, none, None if moved is None else moved[moments.block])
 
     def __len__(self) -> int:
         return len(self.s)
@@ -90,22 +94,25 @@ class Clusters:
 
         Noise of blocks of like motion is independent; errors of the model have the same sign in them. So the scores are
         summed over groups of blocks whose information is alike, and their square is compared with that of single
-        blocks: one where there is only noise, the mean number of blocks in a group where there is only misfit.
+        blocks: one where there is only noise, the mean number of blocks in a group where there is only misfit. What
+        moves with nuisances is not counted: it has few directions, and single groups of blocks would decide.
         """
         groups = alike(self.G, max(2, len(self) // _GROUPS))
         if len(np.unique(groups)) < 2:
             return 1.0
-        single = self._adjusted[1]
+        own = self.s if self.moved is None else self.s - self.moved
+        single = self._adjusted[0].times(own)
         count = groups.max() + 1
-        G, s = np.zeros((count, *self.G.shape[1:])), np.zeros((count, self.s.shape[1]))
+        G, s = np.zeros((count, *self.G.shape[1:])), np.zeros((count, own.shape[1]))
         np.add.at(G, groups, self.G)
-        np.add.at(s, groups, self.s)
+        np.add.at(s, groups, own)
         joined = Adjustment.of(G).times(s)
         return max(1.0, float(np.sum(joined**2) / max(np.sum(single**2), np.finfo(float).tiny)))
 
     def save(self, path: Path) -> None:
         """Write to a file, of the information the R factor."""
         upper = np.triu_indices(self.root.shape[1])
+        moved = {} if self.moved is None else {"moved": self.moved}
         np.savez_compressed(
             path,
             root=self.root,
@@ -113,6 +120,7 @@ class Clusters:
             s=self.s,
             shifts=self.shifts,
             misfit_shifts=self.misfit_shifts,
+            **moved,
         )
 
     @staticmethod
@@ -125,12 +133,13 @@ class Clusters:
         with np.load(path, allow_pickle=False) as file:
             names = ("root", "G", "s", "shifts", "misfit_shifts")
             root, packed, s, shifts, misfit = (np.asarray(file[name], dtype=float) for name in names)
+            moved = np.asarray(file["moved"], dtype=float) if "moved" in file else None
         k = root.shape[1]
         upper = np.triu_indices(k)
         G = np.zeros((len(packed), k, k))
         G[:, *upper] = packed
         G = G + np.triu(G, 1).transpose(0, 2, 1)
-        return Clusters(root, G, s, shifts, misfit)
+        return Clusters(root, G, s, shifts, misfit, moved)
 
 
 def alike(G: Array, groups: int) -> np.ndarray:
