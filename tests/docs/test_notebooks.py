@@ -14,10 +14,10 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
 def kinds(notebook: dict) -> list[set[str]]:
-    """What each cell puts out: text, tables, pictures."""
+    """What each cell puts out: text, tables, pictures; not progress, which only slow machines show."""
     made = []
     for cell in notebook["cells"]:
-        outputs = cell.get("outputs", [])
+        outputs = [one for one in cell.get("outputs", []) if one.get("name") != "stderr"]
         made.append({kind for one in outputs for kind in one.get("data", {one["output_type"]: None})})
     return made
 
