@@ -403,6 +403,21 @@ def test_a_joint_that_stands_between_two_steps_of_its_encoder_is_not_wrapped(tmp
         read_log(path)
 
 
+def test_first_rows_of_an_earlier_run_are_left_out_by_the_exclude_that_is_said(tmp_path: Path) -> None:
+    """A recorder that starts with what its buffer holds: the first two rows are of the end of the run before."""
+    t = np.arange(3000) * 1e-3
+    q, tau, path = 0.1 * np.sin(3.0 * t), np.random.default_rng(1).standard_normal(t.size), tmp_path / "log.npz"
+    q[:2] -= 1.4
+    np.savez(path, t=t, q1=q, tau1=tau)
+    with pytest.raises(errors.LogDataError, match="first rows are of another moment") as raised:
+        read_log(path)
+    shown = re.search(r"exclude = (\[\[.*\]\])", str(raised.value))
+    assert shown is not None
+    log = read_log(path, exclude=tuple(map(tuple, json.loads(shown[1]))))
+    assert len(log.t) == 2998
+    assert float(np.ptp(np.asarray(log.position))) < 0.21
+
+
 @pytest.mark.parametrize("rows", [(700,), (700, 1200, 1500)])
 def test_damaged_rows_are_no_wrap_and_say_what_to_exclude(rows: tuple[int, ...], tmp_path: Path) -> None:
     """A recorder that writes another packet now and then: once, there and back are from one end to the other."""

@@ -215,21 +215,7 @@ def jumps(
         steps = np.abs(np.diff(column))
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
         if largest > JUMP_COUNTS * smallest:
-            cause, advice = (
-                "lost counts, or two recordings in one",
-                (
-                    "Keep a part without it with `time_range`, or leave the moment out with `exclude` if the position "
-                    "comes back."
-                ),
-            )
-            ranges = _spikes(column, stamps, max(JUMP * usual, JUMP_SI / abs(si)))
-            if 0 < len(ranges) <= SPIKES:
-                rows = "a damaged row" if len(ranges) == 1 else f"damaged rows at {len(ranges)} moments"
-                shown = ", ".join(f"[{low:.9g}, {high:.9g}]" for low, high in ranges)
-                cause, advice = (
-                    f"{rows}, as the position comes back",
-                    f"Leave it out with `exclude = [{shown}]` of the log.",
-                )
+            cause, advice = _cause_of_jump(column, stamps, max(JUMP * usual, JUMP_SI / abs(si)))
             raise LogDataError(
                 f"{path}: position channel {name!r} jumps by {largest:.6g} {signal.unit} in one sample at t = "
                 f"{stamps[k + 1]:.6g} s, where 99.9 % of its steps are below {usual:.3g} {signal.unit}: {cause}.",
@@ -240,22 +226,39 @@ def jumps(
             )
 
 
-def _spikes(column: Array, stamps: Array, limit: float) -> list[tuple[float, float]]:
-    """Ranges of time around few samples that are far from their neighbours, s; none where a jump does not come back.
+def _cause_of_jump(column: Array, stamps: Array, limit: float) -> tuple[str, str]:
+    """What a position's jumps are, and what to do.
 
     Args:
         limit: length of a step from which it is a jump.
     """
+    ranges = _damaged(column, stamps, limit)
+    if not 0 < len(ranges) <= SPIKES:
+        general = "Keep a part without it with `time_range`, or leave the moment out with `exclude` if the position "
+        return "lost counts, or two recordings in one", f"{general}comes back."
+    shown = ", ".join(f"[{low:.9g}, {high:.9g}]" for low, high in ranges)
+    advice = f"Give this log `exclude = [{shown}]`."
+    if ranges[0][0] == stamps[0]:
+        return "the first rows are of another moment, as of an earlier run", advice
+    rows = "a damaged row" if len(ranges) == 1 else f"damaged rows at {len(ranges)} moments"
+    return f"{rows}, as the position comes back", advice
+
+
+def _damaged(column: Array, stamps: Array, limit: float) -> list[tuple[float, float]]:
+    """Ranges of time around few samples that are far from their neighbours, s; none where a jump does not come back.
+
+    The first samples have no neighbours before them.
+    """
     at = np.flatnonzero(np.abs(np.diff(column)) > limit)
+    edges, made = 0.5 * (stamps[1:] + stamps[:-1]), list[tuple[float, float]]()
+    if at.size % 2 and at[0] < SPIKE:
+        made, at = [(float(stamps[0]), float(edges[at[0]]))], at[1:]
     there, back = at[::2], at[1::2]
-    if (
-        there.size != back.size
-        or (back - there > SPIKE).any()
-        or (np.abs(column[back + 1] - column[there]) > limit).any()
-    ):
+    if there.size != back.size or (back - there > SPIKE).any():
         return []
-    edges = 0.5 * (stamps[1:] + stamps[:-1])
-    return list(zip(edges[there].tolist(), edges[back].tolist(), strict=True))
+    if (np.abs(column[back + 1] - column[there]) > limit).any():
+        return []
+    return [*made, *zip(edges[there].tolist(), edges[back].tolist(), strict=True)]
 
 
 def refuse_lost_counts(
