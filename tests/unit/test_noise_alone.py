@@ -19,6 +19,7 @@ from haptid.log.noise_alone import noise_alone
 from haptid.log.spectrum import bulk_bandwidth, fastest, spectra
 from haptid.motion.motion import with_positions
 from haptid.motion.noise_torques import rows_of_noise
+from haptid.results.result import Result
 from haptid.study.identify import identify
 from haptid.study.read import read_study
 
@@ -148,6 +149,11 @@ def test_a_study_with_a_motor_of_noise_identifies_the_others(tmp_path: Path) -> 
     feasible = found.use.estimate.feasible
     assert feasible is not None
     assert feasible.ok
+    errors = [one for one in Result.of(found).validation if one.motor == "2"]
+    assert all(one.relative_error_percent is None and one.rmse is None for one in errors)
+    summary = found.unseen[0].summary()
+    assert "motor 2: no rows" in summary
+    assert "motor 2 0.00" not in summary
     low, high = targets(found.estimate).conf_int().T
     assert np.isfinite([low[0], high[0]]).all()
     assert np.isinf([low[1], high[1]]).all()

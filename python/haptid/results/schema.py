@@ -328,7 +328,7 @@ class ErrorTable(ResultTable):
         description="in the sample of the fit, held out, or held out and in motion, behind the reference filter"
     )
     motor: str = Field(description="name of the motor, or all")
-    relative_error_percent: Number
+    relative_error_percent: Number = Field(description="null for a motor of which no row is used")
     rmse: Number
     unit: str | None
     residual: Number = Field(description="norm of the residual; null for all")

@@ -235,8 +235,8 @@ def error_tables(run: Run) -> Iterator[ErrorTable]:
         for m in validation.motors:
             yield ErrorTable(
                 motor=m.motor,
-                relative_error_percent=m.relative,
-                rmse=m.rmse,
+                relative_error_percent=m.relative if m.rows else None,
+                rmse=m.rmse if m.rows else None,
                 unit=m.unit,
                 residual=m.residual,
                 measured=m.measured,

@@ -114,11 +114,16 @@ class Validation:
     def summary(self) -> str:
         """Text table: motor, relative error, RMSE, rows."""
         kind = "rows of the fit" if self.seen else "unseen rows"
-        lines = (f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows" for m in self.motors)
+        lines = (
+            f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows"
+            if m.rows
+            else f"  {m.label}: no rows"
+            for m in self.motors
+        )
         text = "\n".join([f"{self.relative:.2f} % relative error {self.together}, on {kind}", *lines])
         if self.reference is None:
             return text
-        by_motor = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
+        by_motor = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors if m.rows)
         errors = f"{self.reference.relative:.2f} % ({by_motor})"
         return f"{text}\n  on all rows in motion, behind the reference filter: {errors}"
 
