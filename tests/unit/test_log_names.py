@@ -106,6 +106,9 @@ def test_a_cart_and_its_pole_are_drafted_by_letters(tmp_path: Path, header: str)
          (["torque"], "N m")),
         ("t [s];a1 q-axis [A];a1 position [rad];a1 torque [Nm];torque constant [Nm/A]", (T, TAU, Q, TAU, 9 * TAU),
          ("t [s]", "s"), (["a1 position [rad]"], "rad"), (["a1 torque [Nm]"], "N m")),  # of a dynamometer
+        ("t [s];a1 pos [rad];a2 pos [rad];a1 torque [Nm];a2 torque [Nm];c1 pos [rev];c2 pos [rev];c1 U [V];c2 U [V];"
+         "ina1 voltage [V];ina2 voltage [V]", (T, Q, P, TAU, Q + TAU, 0.2 * Q, 0.2 * P, TAU, P, 9 + P, 9 + Q),
+         ("t [s]", "s"), (["a1 pos [rad]", "a2 pos [rad]"], "rad"), (["a1 torque [Nm]", "a2 torque [Nm]"], "N m")),
         ("t;rotor q [A];angle [rad]", (T, TAU, Q), ("t", "s"), (["angle [rad]"], "rad"), (["rotor q [A]"], "A")),
         ("time;qb;wb;I", (T, Q, np.gradient(Q, T), TAU), ("time", "s"), (["qb"], "rad"), (["I"], "A")),
         ("t;cart_pos_m;FORCE_MN", (T, Q, 50 * TAU), ("t", "s"), (["cart_pos_m"], "m"), (["FORCE_MN"], "mN")),

@@ -34,6 +34,8 @@ MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", 
 _TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
 # rad or m of a unit of positions.
 _ANGLES = frozenset({"rad", "deg", "turn"})
+# How the reason begins of a unit that the file has.
+_STATED = "the file states"
 SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
 _DRIVE = ("duty", "voltage", "current", "")
@@ -262,7 +264,10 @@ def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[s
         names = [
             frozenset.union(*(words_of(last_part(base_of(c.name))) - _KIND for c in channels)) for channels in members
         ]
-        if len(members) > 1 and sum(map(len, names)) == len(frozenset.union(*names)):
+        stated = {
+            c.unit for own in members for c in own if c.unit in _ANGLES and c.reason.startswith("the file states")
+        }
+        if len(members) > 1 and len(stated) < 2 and sum(map(len, names)) == len(frozenset.union(*names)):
             channels = [channel for own in members for channel in own]
             yield " ".join(channel.name for channel in channels), channels
 
