@@ -93,6 +93,24 @@ def test_what_drifts_and_what_is_unusual_is_found_and_nothing_else(fleet):
     assert any(line.startswith("arm 3 is unusual") for line in fleet.sentences)
 
 
+def test_a_mean_is_no_further_than_its_own_error_says(fleet):
+    """Means of few devices that agree by chance made another one unusual, at three of its standard errors."""
+    k, entries = fleet.names.index("FC2"), []
+    for one in fleet.entries:
+        if one.error:
+            continue
+        day = DAYS.index(int(one.log.path.stem[-2:]))
+        values = one.values.copy()
+        values[k] = 0.2 + 0.01 * (day - 2) + 0.022 * (one.log.device == "arm 4")  # a scatter of 0.0158 in each device
+        entries.append(replace(one, values=values, se=np.full(len(values), 1e-4), dof=np.full(len(values), 20.0)))
+    made = replace(fleet, entries=tuple(entries))
+    away = np.array([trend.of_mean("values")[k] for trend in made.trends])
+    assert np.ptp(away[:4]) < 1e-9
+    assert abs(made.distance[4, k]) < 3.5
+    other = [replace(one, values=one.values + 0.2 * (np.arange(len(one.values)) == k)) for one in entries[-5:]]
+    assert abs(replace(fleet, entries=(*entries[:-5], *other)).distance[4, k]) > 3.5
+
+
 def test_a_log_that_cannot_be_read_is_an_entry_and_stops_nothing(fleet):
     (failed,) = fleet.failed
     assert (failed.log.device, failed.log.path.name) == ("arm 2", "2026-03-25.csv")

@@ -212,14 +212,16 @@ class Fleet:
     def distance(self) -> Array:
         """Distance of each mean from the devices' median in robust standard deviations, (devices, k).
 
-        Zero where it is within its own interval, and with fewer than four devices.
+        Zero where it is within its own interval, and with fewer than four devices. The spread of a few means may be
+        small by chance: it is taken as no less than their own standard error.
         """
         means = np.array([trend.of_mean("values") for trend in self.trends]).reshape(len(self.trends), len(self.names))
         if len(means) < _LEAST_DEVICES:
             return np.zeros(means.shape)
         away = means - np.nanmedian(means, axis=0)
-        half = np.array([half_width(t.of_mean("se"), [one.dof for one in t.mean]) for t in self.trends])
-        spread = _NORMAL_MAD * np.nanmedian(np.abs(away), axis=0)
+        se = np.array([trend.of_mean("se") for trend in self.trends])
+        half = np.array([half_width(own, [one.dof for one in t.mean]) for own, t in zip(se, self.trends, strict=True)])
+        spread = np.maximum(_NORMAL_MAD * np.nanmedian(np.abs(away), axis=0), np.nanmedian(se, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(np.abs(away) > half, np.nan_to_num(away / spread, posinf=np.inf, neginf=-np.inf), 0.0)
 
