@@ -17,6 +17,21 @@ def written(folder: Path, text: str) -> Path:
     return folder / "robot.xml"
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty. Run `xacro` again"),
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
+    ],
+)
+def test_files_of_nothing_say_where_the_description_is(text: str, words: str, tmp_path: Path) -> None:
+    """A URDF of a xacro that failed, and a repository without its large files."""
+    for name in ("robot.urdf", "table.csv", "robot.par"):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(RobotFileError, match=words):
+            import_robot(tmp_path / name)
+
+
 def test_many_comments_before_a_description_take_no_time(tmp_path: Path) -> None:
     """Forty lines of licence without an XML declaration: told apart in one way, not in 2^40."""
     urdf = tmp_path / "licensed.urdf"

@@ -48,6 +48,12 @@ def read_robot(
     roots = Roots.of(path, packages or {})
     content = read_bytes(path)
     suffix = path.suffix.lower()
+    if not content.strip():
+        raise refused(
+            str(path), "it is empty", "Run `xacro` again if it was to write it, or import the xacro file itself."
+        )
+    if content.startswith(b"version https://git-lfs"):
+        raise refused(str(path), "it is a pointer of Git LFS, not the file", "Run `git lfs pull` in its repository.")
     if suffix == ".par":
         return read_symoro(content, str(path), lengths or {}, snap)
     if suffix == ".csv":
