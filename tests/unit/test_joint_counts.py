@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_part_of_a_long_log import on_disk
 
 import haptid
 from haptid.advice.conventions import other_counts
@@ -89,3 +90,18 @@ def test_reversed_joints_are_found_with_their_torques(model: haptid.DynamicModel
 
 def test_a_log_that_counts_as_the_device_file_is_left_alone(model: haptid.DynamicModel) -> None:
     assert other_counts(model, [moved(model, np.ones(4), np.zeros(4))], np.zeros(len(model.base)), (), 0.4) is None
+
+
+def test_torques_of_a_log_on_disk_are_read_once(model: haptid.DynamicModel) -> None:
+    """In each of dozens of trials all were read, and delayed."""
+    short = moved(model, np.ones(4), TURN * np.array([0, 1, 0, 0]))
+    q, tau = (np.tile(x, (5, 1)) for x in (short.q, short.tau))
+    signals = [haptid.Signal(tuple("1234"), "rad"), haptid.Signal(tuple("abcd"), "N m")]
+    parts = tuple((k * len(short), (k + 1) * len(short)) for k in range(5))
+    log = haptid.Log(Path("long"), "", 0.01 * np.arange(len(q)), q, tau, haptid.Channels(*signals, "t"), segments=parts)
+    motion = haptid.treat(on_disk(log), short.treatment)
+    before = motion.log.torque.read
+    found = other_counts(model, [motion], np.zeros(len(model.base)), (), 0.4)
+    assert found is not None
+    assert found.places == ("joint 2",)
+    assert motion.log.torque.read - before < 2 * len(q)

@@ -99,7 +99,8 @@ def other_counts(
         return None
     directed = one_to_one(model, motions)
     chosen: tuple[Count, ...] = (_SAME,) * len(turning)
-    now = [_counted(finer(_with_all_motion(motion, bandwidth_hz)), chosen) for motion in motions]
+    # Delayed once: each trial would compute all torques of a long log again.
+    now = [_counted(undelayed(finer(_with_all_motion(motion, bandwidth_hz))), chosen) for motion in motions]
     rows = first = trial_rows(model, now, beta, most=_SAMPLES)
     tried, rivals = 0, list[str]()
     names = tuple(model.device.joints[k].name for k in model.device.active)
@@ -207,12 +208,11 @@ def _adds_turns(one: Sequence[Count], best: Sequence[Count]) -> bool:
 
 def _counted(motion: Motion, counts: Sequence[Count]) -> Motion:
     """The motion with positions counted otherwise, and torques in the same directions."""
-    made = undelayed(motion)
     direction = np.array([sign for sign, _ in counts], dtype=np.float64)
     turns = 0.5 * np.pi * np.array([quarters for _, quarters in counts])
-    rates = made.rates and (made.rates[0] * direction, made.rates[1] * direction)
-    tau = np.asarray(made.tau) if (direction > 0).all() else np.asarray(made.tau) * direction
-    return replace(made, q=np.asarray(made.q) * direction + turns, tau=tau, rates=rates, _shared={})
+    rates = motion.rates and (motion.rates[0] * direction, motion.rates[1] * direction)
+    tau = np.asarray(motion.tau) if (direction > 0).all() else np.asarray(motion.tau) * direction
+    return replace(motion, q=np.asarray(motion.q) * direction + turns, tau=tau, rates=rates, _shared={})
 
 
 def _signed(turns: int) -> int:
