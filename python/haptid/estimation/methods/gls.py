@@ -158,7 +158,7 @@ def covariance(rows: Rows, beta: Array) -> Array:
         pairs += chunk.used.astype(float) @ chunk.used.T
     # Standard deviations are those of WLS; correlations come from pairs. A motor that fits exactly has none.
     se = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
-    raw = np.sqrt(np.diag(products) / np.diag(pairs))
+    raw = np.sqrt(np.diag(products) / np.maximum(np.diag(pairs), 1.0))
     scale = np.outer(raw, raw) * np.maximum(pairs, 1.0)
     correlation = np.divide(products, scale, out=np.zeros_like(products), where=scale > 0)
     np.fill_diagonal(correlation, 1.0)
@@ -267,9 +267,15 @@ class Whitening:
 
 
 def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:
-    """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit."""
+    """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit.
+
+    That of white noise of unit variance for a motor without rows.
+    """
     models = []
     for motor, own in zip(rows.observation.motors, residual_runs(rows, beta), strict=True):
+        if not motor.rows.any():
+            models.append(Autoregression((np.ones(1),), np.ones(1)))
+            continue
         found, n = burg(own, most_order), int(motor.rows.sum())
         floor = (np.finfo(float).eps * motor.norm) ** 2 / n
         per_dof = n / max(1, n - len(motor.columns))

@@ -142,11 +142,13 @@ class IRLS(UnitVarianceRows):
 
 
 def _rms_torque(motor: MotorRows) -> float:
-    """Root mean square torque.
+    """Root mean square torque; one of a motor without rows.
 
     Raises:
         IdentifiabilityError: it is zero.
     """
+    if not motor.rows.any():
+        return 1.0
     if motor.norm == 0:
         raise no_torque(motor.name)
     return motor.norm / float(np.sqrt(motor.rows.sum()))
@@ -188,9 +190,16 @@ class RobustScales:
 
 
 def robust_scales(rows: Rows, loss: Loss, beta: Array) -> RobustScales:
-    """Scale by the median absolute deviation, gain and unit by Huber (1981), eq. 7.6.5; rounding's in an exact fit."""
+    """Scale by the median absolute deviation, gain and unit by Huber (1981), eq. 7.6.5; rounding's in an exact fit.
+
+    One of a motor without rows.
+    """
     scale, gain, unit = [], [], []
     for e, motor in zip(rows.residuals(beta), rows.observation.motors, strict=True):
+        if not motor.rows.any():
+            for figures in (scale, gain, unit):
+                figures.append(1.0)
+            continue
         s = max(float(np.median(np.abs(e))) / _NORMAL_MAD, np.finfo(float).eps * _rms_torque(motor))
         u = e / s
         mean_slope = float(np.mean(loss.slope(u)))

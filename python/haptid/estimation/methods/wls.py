@@ -199,6 +199,8 @@ def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) 
         for k, used in enumerate(chunk.used):
             parts[k].append((Z[k, used], e[k, used]))
     for k, own in enumerate(parts):
+        if not motors[k].rows.any():
+            continue
         Z, e = (np.concatenate(arrays) for arrays in zip(*own, strict=True))
         squares = e**2 * len(e) / max(1, len(e) - len(motors[k].columns))
         rounding = (np.finfo(float).eps * motors[k].norm) ** 2 / int(motors[k].rows.sum())
@@ -213,7 +215,7 @@ def rms_speed_and_load(rows: Rows, beta: Array) -> tuple[Array, Array]:
         sums[0] += (np.where(chunk.used, chunk.velocity, 0.0) ** 2).sum(axis=1)
         sums[1] += ((chunk.W @ beta) ** 2).sum(axis=1)
     counts = np.array([motor.rows.sum() for motor in rows.observation.motors])
-    speed, load = np.sqrt(sums / counts)
+    speed, load = np.sqrt(sums / np.maximum(counts, 1))
     return np.where(speed > 0, speed, 1.0), np.where(load > 0, load, 1.0)
 
 
