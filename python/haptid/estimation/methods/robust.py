@@ -194,7 +194,7 @@ def robust_scales(rows: Rows, loss: Loss, beta: Array) -> RobustScales:
 
     One of a motor without rows.
     """
-    scale, gain, unit = [], [], []
+    scale, gain, unit = list[float](), list[float](), list[float]()
     for e, motor in zip(rows.residuals(beta), rows.observation.motors, strict=True):
         if not motor.rows.any():
             for figures in (scale, gain, unit):
