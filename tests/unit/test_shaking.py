@@ -57,5 +57,6 @@ def test_torque_that_does_not_follow_the_steps_shakes_nothing(treatment):
 def test_slow_rows_of_a_shaken_rotor_are_dropped():
     still, shaken = (haptid.propose(axis(terms=DRY), coarse(loop)) for loop in (False, True))
     assert max(shaken.treatment.reversal_speed) > 2 * max(still.treatment.reversal_speed)
+    assert shaken.treatment.reversal_guard_s is None  # windows without any of it
     assert any("shakes the rotors" in reason for reason in shaken.reasons)
     assert not any("shakes the rotors" in reason for reason in still.reasons)

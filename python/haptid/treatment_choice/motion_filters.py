@@ -128,14 +128,14 @@ class MotionFilters:
         return replace(self, near=bool(min(kept) < _CLEARLY), may_clear=bool(_CLEAR <= min(kept) < _CLEARLY))
 
     def faster_than(self, speeds: Array, given: Given) -> MotionFilters:
-        """Without rows slower than these, (rows of torque,), SI, where enough are left; itself where none is higher."""
+        """Without windows slower than these anywhere, (rows of torque,), SI, where enough are left; itself for none."""
         wanted = np.maximum(self.reversal_speed or 0.0, [float(f"{speed:.2g}") for speed in speeds])
-        made = replace(self, reversal_speed=tuple(wanted.tolist()))
+        made = replace(self, reversal_speed=tuple(wanted.tolist()), near=False, may_clear=False, shaken=True)
         often = made._shares(made.at(USUAL, given), wanted) >= KEPT
         wanted = np.where(often, wanted, self.reversal_speed or 0.0)
         if not np.any(wanted > np.array(self.reversal_speed or 0.0)):
             return self
-        return replace(self, reversal_speed=tuple(wanted.tolist()), shaken=True)._clear_of_reversals(given)
+        return replace(made, reversal_speed=tuple(wanted.tolist()))
 
     def bulk(self, given: Given) -> MotionFilters:
         """Filters for the bulk of the motion alone; these where there is no other motion."""

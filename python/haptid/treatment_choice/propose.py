@@ -153,8 +153,9 @@ def _faster_than_shaking(filters: MotionFilters, treatment: Treatment, given: Gi
     """Filters without rows slower than the speeds at which a controller shakes the rotors."""
     if not any(filters.reversal_speed) or "reversal_speed" in given or treatment.momentum:
         return filters
+    narrow = filters.at(TRIED[0], {**given, "torque_delay_s": treatment.torque_delay_s})  # as elastic devices have it
     try:
-        speeds = shaken_speeds(filters.model, filters.logs, treatment, filters.bandwidth)
+        speeds = shaken_speeds(filters.model, filters.logs, narrow, filters.bandwidth)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return filters
     return filters.faster_than(speeds, given) if speeds.any() else filters
