@@ -112,7 +112,6 @@ class Clusters:
     def save(self, path: Path) -> None:
         """Write to a file, of the information the R factor."""
         upper = np.triu_indices(self.root.shape[1])
-        moved = {} if self.moved is None else {"moved": self.moved}
         np.savez_compressed(
             path,
             root=self.root,
@@ -120,7 +119,7 @@ class Clusters:
             s=self.s,
             shifts=self.shifts,
             misfit_shifts=self.misfit_shifts,
-            **moved,
+            moved=np.zeros((0, self.root.shape[1])) if self.moved is None else self.moved,
         )
 
     @staticmethod
@@ -133,13 +132,13 @@ class Clusters:
         with np.load(path, allow_pickle=False) as file:
             names = ("root", "G", "s", "shifts", "misfit_shifts")
             root, packed, s, shifts, misfit = (np.asarray(file[name], dtype=float) for name in names)
-            moved = np.asarray(file["moved"], dtype=float) if "moved" in file else None
+            moved = np.asarray(file["moved"], dtype=float) if "moved" in file else s[:0]
         k = root.shape[1]
         upper = np.triu_indices(k)
         G = np.zeros((len(packed), k, k))
         G[:, *upper] = packed
         G = G + np.triu(G, 1).transpose(0, 2, 1)
-        return Clusters(root, G, s, shifts, misfit, moved)
+        return Clusters(root, G, s, shifts, misfit, moved if len(moved) else None)
 
 
 def alike(G: Array, groups: int) -> np.ndarray:
