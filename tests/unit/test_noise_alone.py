@@ -176,3 +176,17 @@ def test_a_motion_with_other_positions_is_not_looked_at_again(monkeypatch: pytes
 def test_the_bandwidth_is_the_same_by_the_spectra_of_the_whole_log() -> None:
     made = log(3)
     assert bulk_bandwidth(spectra(made)) == fastest(made.position.T, float(made.dt))
+
+
+def test_a_motor_of_noise_decides_nothing_about_rows_near_reversals(tmp_path: Path) -> None:
+    """It has no rows: these counted as rows that are near reversals, and more of the others were kept for them."""
+    reasons = []
+    for name, size in (("clean", 0.0), ("noise", 0.3)):
+        (tmp_path / name).mkdir()
+        found = read_study(study(tmp_path / name, size))
+        model = haptid.DynamicModel(haptid.read_device(found.device))
+        made = haptid.read_log(tmp_path / name / "log.csv", found.logs[0].channels)
+        reasons.append(next(one for one in haptid.propose(model, made).reasons if "reversals" in one))
+    clean, noise = reasons
+    assert noise.startswith(clean[:30])
+    assert ", - % of the motors' rows are kept (-: its torque is noise alone)." in noise

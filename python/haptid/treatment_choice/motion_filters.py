@@ -119,12 +119,19 @@ class MotionFilters:
             made = replace(made, reversal_speed=tuple(np.where(often, rest, 0.0).tolist()), rest_speed=rest)
         return made._clear_of_reversals(given)
 
+    @cached_property
+    def _of_noise(self) -> np.ndarray:
+        """Whether a row has none of its motor in any log, as its torque shows noise alone, (rows of torque,)."""
+        return np.asarray(np.all([rows_of_noise(self.model.device, log) for log in self.logs], axis=0))
+
     def _clear_of_reversals(self, given: Given) -> MotionFilters:
         """With or without rows near reversals, by how many are clear of them."""
         if not any(self.reversal_speed):
             return self
         clear = replace(self, near=False).at(USUAL, given)
-        kept = self._shares(clear, np.array(self.reversal_speed))[list(self.model.device.measured)]
+        kept = self._shares(clear, np.array(self.reversal_speed))[
+            np.array(self.model.device.measured) & ~self._of_noise
+        ]
         return replace(self, near=bool(min(kept) < _CLEARLY), may_clear=bool(_CLEAR <= min(kept) < _CLEARLY))
 
     def faster_than(self, speeds: Array, given: Given) -> MotionFilters:
@@ -291,16 +298,19 @@ class MotionFilters:
         """Report of the rows near reversals, which are dropped."""
         if "reversal_speed" in given or not any(self.reversal_speed):
             return ()
-        shares = self._shares(treatment, np.array(self.reversal_speed))[list(self.model.device.measured)]
+        measured = list(self.model.device.measured)
+        shares = self._shares(treatment, np.array(self.reversal_speed))[measured]
         speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
         guard = treatment.reversal_guard_s
         where = "Rows whose filter window contains" if guard is None else f"Rows within {guard:.2g} s of"
-        left = ", ".join(f"{100 * share:.0f}" for share in shares)
+        pairs = zip(shares, self._of_noise[measured], strict=True)
+        left = ", ".join("-" if noise else f"{100 * share:.0f}" for share, noise in pairs)
+        of = "motors' rows are kept (-: its torque is noise alone)" if "-" in left else "motors' rows are kept"
         why = "the controller shakes the rotors by the steps of their encoders, which smooths dry friction"
         why = why if self.shaken else "the sign of dry friction is uncertain at reversals"
         return (
             f"{where} motion slower than {speeds} (of each motor, SI) are dropped, because {why}. {left} % of the "
-            f"motors' rows are kept.",
+            f"{of}.",
         )
 
     def at_rest(self, reference: Treatment) -> tuple[str, ...]:
@@ -308,7 +318,7 @@ class MotionFilters:
         if not np.any(reference.rest_speed):
             return ()
         shares = 1 - self._shares(reference, np.zeros(len(self.model.device.row_names)))
-        shares[np.all([rows_of_noise(self.model.device, log) for log in self.logs], axis=0)] = 0.0  # not at rest
+        shares[self._of_noise] = 0.0  # not at rest
         shares = shares[list(self.model.device.measured)]
         if shares.max() < _MENTIONED:
             return ()
