@@ -226,7 +226,8 @@ unsafe fn carry_lane<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &m
     }
 }
 
-/// Contribution of one body to the mass matrix, on and below its diagonal: its momentum under every axis, contracted with every axis.
+/// Contribution of one body to the mass matrix, on and below its diagonal: its momentum under every axis, contracted with
+/// every axis.
 #[inline(always)]
 unsafe fn add_body<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut PoseGroup, i: usize, k: usize) {
     let (link, na) = (&model.mechanism.links[i], model.mechanism.coordinates);

@@ -27,15 +27,19 @@ const INVERTIBLE: f64 = 1e12;
 /// ```
 pub fn extreme_eigenvalues(backend: Backend, matrix: &[f64], n: usize) -> Result<[f64; 2], Error> {
     expect_length("matrix", matrix.len(), n * n)?;
-    let size = matrix.iter().fold(0.0, |size: f64, x| size.max(x.abs()));
     if n == 0 || !matrix.iter().all(|x| x.is_finite()) {
         return Ok([f64::NAN; 2]);
     }
-    // Squares of what is scaled neither overflow nor vanish; a power of two rounds nothing.
-    let unit = 2.0_f64.powi(size.max(f64::MIN_POSITIVE).log2().floor().clamp(-1000.0, 1000.0) as i32);
+    let unit = unit(matrix);
     let (mut diagonal, mut beside) = (vec![0.0; n], vec![0.0; n]);
     tridiagonal(backend, &mut Square::of(matrix, n, 1.0 / unit), &mut diagonal, &mut beside);
     Ok(extremes(backend, &diagonal, &beside).map(|x| x * unit))
+}
+
+/// A power of two near the largest entry: in this unit squares neither overflow nor vanish, and nothing is rounded.
+fn unit(matrix: &[f64]) -> f64 {
+    let size = matrix.iter().fold(f64::MIN_POSITIVE, |size: f64, x| size.max(x.abs()));
+    2.0_f64.powi(size.log2().floor().clamp(-1000.0, 1000.0) as i32)
 }
 
 /// Extreme eigenvalues of a tridiagonal matrix; `beside` ends with a zero.
@@ -135,7 +139,8 @@ pub fn smooth_condition(
     if power == 0 {
         return Err(Error::Value { name: "power", got: 0.0, wanted: "at least 1" });
     }
-    let (c, mut inverse, mut definite) = (Square::of(matrix, n, 1.0), Square::of(matrix, n, 1.0), true);
+    let unit = unit(matrix);
+    let (c, mut inverse, mut definite) = (Square::of(matrix, n, 1.0 / unit), Square::of(matrix, n, 1.0 / unit), true);
     invert(backend, &mut inverse, &mut definite);
     let spread = c.trace() * inverse.trace();
     if !definite || spread.is_nan() || spread >= INVERTIBLE {
@@ -147,7 +152,7 @@ pub fn smooth_condition(
     let [mut once, mut twice] = [Square::zeros(n), Square::zeros(n)];
     multiply(backend, &down, &inverse, &mut once);
     multiply(backend, &once, &inverse, &mut twice);
-    let (above, below) = (0.5 / large, 0.5 / small);
+    let (above, below) = (0.5 / large / unit, 0.5 / small / unit);
     let columns = up.columns().zip(twice.columns());
     for (slope, (up, down)) in slope.chunks_exact_mut(n.max(1)).zip(columns) {
         for (slope, (up, down)) in slope.iter_mut().zip(up.iter().zip(down)) {
@@ -244,6 +249,32 @@ mod tests {
                 let got: f64 = slope.iter().zip(&along).map(|(slope, along)| slope * along).sum();
                 let difference = (moved(step) - moved(-step)) / (2.0 * step);
                 prop_assert!((got - difference).abs() < 1e-5 * (1.0 / least), "{:?} {} {}", backend, got, difference);
+            }
+        }
+    }
+
+    #[test]
+    fn entries_that_are_next_to_nothing_change_no_eigenvalue() {
+        for (backend, digits) in Backend::available().into_iter().flat_map(|b| (50..200).map(move |d| (b, -d))) {
+            let e = 10_f64.powi(digits);
+            let [low, high] = extreme_eigenvalues(backend, &[1., e, 0., e, 2., e, 0., e, 5.], 3).expect("shapes");
+            assert!((low - 1.0).abs() < 1e-14 && (high - 5.0).abs() < 1e-14, "{backend:?} {e} {low} {high}");
+        }
+    }
+
+    #[test]
+    fn smooth_conditions_are_the_same_in_all_units() {
+        let cost = |backend, unit: f64, slope: &mut [f64]| {
+            let matrix = [2.0, 1.0, 1.0, 3.0].map(|x| x * unit);
+            smooth_condition(backend, &matrix, 2, 8, slope).expect("shapes").expect("far from singular")
+        };
+        for backend in Backend::available() {
+            let (mut wanted, mut slope) = ([0.0; 4], [0.0; 4]);
+            let plain = cost(backend, 1.0, &mut wanted);
+            for exponent in [-600, 600] {
+                let unit = 2.0_f64.powi(exponent);
+                assert_eq!(cost(backend, unit, &mut slope), plain);
+                assert_eq!(slope.map(|x| x * unit), wanted);
             }
         }
     }

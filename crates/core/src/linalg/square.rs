@@ -14,6 +14,9 @@ const LANES: usize = 3;
 /// Zeros, then ones: from `MAX_WIDTH - k` on a lane whose first `k` numbers are zero.
 static AFTER: [f64; 2 * MAX_WIDTH] = [0., 0., 0., 0., 0., 0., 0., 0., 1., 1., 1., 1., 1., 1., 1., 1.];
 
+/// Length of a column, beside entries up to two, that changes no eigenvalue.
+const NEGLIGIBLE: f64 = 1e-60;
+
 /// A symmetric matrix, with at least one column of zeros after its last.
 #[derive(Clone)]
 pub(crate) struct Square {
@@ -146,7 +149,7 @@ fn invert_in_lanes<T: Lane>(simd: Simd<T>, matrix: &mut Square, definite: &mut b
 
 dispatched! {
     /// Reduce a matrix to tridiagonal form by reflections (Golub and Van Loan 2013, algorithm 8.3.1): its diagonal, and
-    /// the entries beside it. The matrix is lost.
+    /// the entries beside it. Entries of the matrix are at most two; it is lost.
     pub(crate) fn tridiagonal = tridiagonal_in_lanes(matrix: &mut Square, diagonal: &mut [f64], beside: &mut [f64])
 }
 
@@ -182,7 +185,8 @@ fn tridiagonal_in_lanes<T: Lane>(simd: Simd<T>, matrix: &mut Square, diagonal: &
         let (length, head) = (square.sum().sqrt(), next[k + 1]);
         beside[k] = -length.copysign(head);
         next[k + 1] = head - beside[k];
-        let weight = if length > 0.0 { 1.0 / (length * (length + head.abs())) } else { 0.0 };
+        // What is left of shorter columns is rounding, and would overflow in squares of the weight.
+        let weight = if length > NEGLIGIBLE { 1.0 / (length * (length + head.abs())) } else { 0.0 };
         products.fill(0.0);
         for j in (k + 1..n).step_by(2) {
             // SAFETY: as above; after the last column and number of a vector there is one of zeros.
