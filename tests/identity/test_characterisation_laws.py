@@ -1,5 +1,7 @@
 """Laws of the figures at the handle, on random mechanisms and shipped devices."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -104,6 +106,18 @@ def shipped(name="cea_medical_branch", poses=5, seed=4):
     middle = np.array([0.0, -0.9, 1.0 + np.pi] if name.startswith("cea") else [0.0, 0.3, 0.4])
     qa = middle[:, None] + rng.uniform(-0.4, 0.4, (3, poses))
     return model, bodies(model, true_parameters(model)), qa
+
+
+@pytest.mark.parametrize("threads", ["", "0", "2"])
+def test_parts_of_many_poses_are_those_together(monkeypatch, threads):
+    """With any number of threads; zero is the core's default."""
+    _, identified, qa = shipped("phantom_premium_15", poses=11)
+    together = apparent_mass(identified, qa)
+    monkeypatch.setenv("RAYON_NUM_THREADS", threads)
+    monkeypatch.setattr(sys.modules[core_arguments.__module__], "_TOGETHER", 4)
+    parts = apparent_mass(identified, qa)
+    np.testing.assert_allclose(parts.mass.values, together.mass.values, rtol=1e-13)
+    np.testing.assert_array_equal(parts.condition, together.condition)
 
 
 @pytest.mark.parametrize("name", ["cea_medical_branch", "phantom_premium_15"])

@@ -114,7 +114,8 @@ def apparent_mass(
 
 def _together(of: Callable[[Array], Array], parts: list[Array]) -> list[Array]:
     """A function of each part, by threads: the core has its own, but one follows a loop that is not linear."""
-    workers = min(len(parts), _AT_ONCE, int(os.environ.get("RAYON_NUM_THREADS") or os.cpu_count() or 1))
+    most = int(os.environ.get("RAYON_NUM_THREADS") or 0) or os.cpu_count() or 1  # zero is the core's default
+    workers = min(len(parts), _AT_ONCE, most)
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(of, parts))
 
