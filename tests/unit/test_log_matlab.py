@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+import warnings
 from pathlib import Path
 
 import h5py
@@ -140,6 +141,14 @@ def test_samples_taken_again_at_each_pose_are_no_joints(tmp_path: Path) -> None:
     channels = tomllib.loads(survey(tmp_path / "run.mat").table)["channels"]
     assert channels["position"]["channels"] == [f"current_position[{k}][1]" for k in (1, 2, 3)]
     assert channels["torque"]["channels"] == [f"desired_effort[{k}][1]" for k in (1, 2, 3)]
+    unsigned = np.rint(30_000 + 9_000 * again).astype(np.uint16)  # a sample below the first one is no large number
+    io.savemat(tmp_path / "run.mat", {"q": unsigned, "tau": effort})
+    channels = tomllib.loads(survey(tmp_path / "run.mat").table)["channels"]
+    assert channels["position"]["channels"] == [f"q[{k}][1]" for k in (1, 2, 3)]
+    io.savemat(tmp_path / "run.mat", {"q": np.full(again.shape, np.nan), "tau": effort})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert "is it connected?" in survey(tmp_path / "run.mat").table
     trials = np.stack([np.sin(np.arange(300)[:, None] * np.array([0.03, 0.05, 0.08]) + k) for k in range(2)])
     io.savemat(tmp_path / "run.mat", {"dof_pos": trials, "torques": np.cos(trials)})  # joints that move as far
     channels = tomllib.loads(survey(tmp_path / "run.mat").table)["channels"]

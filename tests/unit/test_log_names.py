@@ -104,6 +104,11 @@ def test_a_cart_and_its_pole_are_drafted_by_letters(tmp_path: Path, header: str)
         ("t;x;q;tau", (T, P, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),  # of a hand, or of anything
         ("time;angle;angleD;torque", (T, Q, np.gradient(Q, T), TAU), ("time", "s"), (["angle"], "rad"),
          (["torque"], "N m")),
+        ("time;angle;angleD;angleDD;torque", (T, Q, np.gradient(Q, T), P, TAU), ("time", "s"), (["angle"], "rad"),
+         (["torque"], "N m")),
+        ("t;ctrl1 [rad];q1 [rad];tau1", (T, Q + 0.01, Q, TAU), ("t", "s"), (["q1 [rad]"], "rad"), (["tau1"], "N m")),
+        ("t;hip [deg];knee [rad];tau_hip [Nm];tau_knee [mNm]", (T, np.rad2deg(Q), P, TAU, 1e3 * TAU), ("t", "s"),
+         (["hip [deg]", "knee [rad]"], ["deg", "rad"]), (["tau_hip [Nm]", "tau_knee [mNm]"], ["N m", "mN m"])),
         ("t [s];a1 q-axis [A];a1 position [rad];a1 torque [Nm];torque constant [Nm/A]", (T, TAU, Q, TAU, 9 * TAU),
          ("t [s]", "s"), (["a1 position [rad]"], "rad"), (["a1 torque [Nm]"], "N m")),  # of a dynamometer
         ("t [s];a1 pos [rad];a2 pos [rad];a1 torque [Nm];a2 torque [Nm];c1 pos [rev];c2 pos [rev];c1 U [V];c2 U [V];"

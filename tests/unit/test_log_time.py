@@ -13,6 +13,7 @@ from scipy import signal
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log, row_times
 from haptid.log.spectrum import spectra
+from haptid.log.survey import survey
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -86,6 +87,15 @@ def test_stamps_that_would_come_too_fast_are_doubted(tmp_path: Path) -> None:
     made, right = (record(tmp_path, np.arange(500) * 0.001, unit) for unit in ("ms", "s"))
     assert any("1e+06 Hz" in note and "`time_unit` is probably coarser" in note for note in made.notes)
     assert not any("time_unit" in note for note in right.notes)
+
+
+def test_rows_that_come_in_bursts_leave_the_unit_of_their_stamps(tmp_path: Path) -> None:
+    """Most stamps are a microsecond after the one before, as where packets wait for each other."""
+    stamps = np.repeat(np.arange(125) * 0.008, 4) + np.tile(np.arange(4) * 1e-6, 125)
+    path = tmp_path / "bursts.csv"
+    columns = np.column_stack((1e3 * stamps, np.sin(9 * stamps), np.cos(7 * stamps)))
+    np.savetxt(path, columns, "%.9f", ",", header="time_ms,q,tau", comments="")
+    assert 'time_unit = "ms"' in survey(path).table
 
 
 def test_stamps_of_the_epoch_in_nanoseconds_are_not_rounded(tmp_path: Path) -> None:

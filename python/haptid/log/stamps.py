@@ -22,7 +22,9 @@ FEWEST_SAMPLES = 50
 SLOWEST = 0.5
 # Shortest one: no log has more than a gigahertz. Below the other one, faster than loops and recorders of machines, the
 # unit is doubted.
-_FASTEST, DOUBTED = 1e-9, 5e-6
+_FASTEST, _DOUBTED = 1e-9, 5e-6
+# Share of the rows that follow at once, at most, where rows come in bursts, and pause between these, usual steps.
+_IN_BURSTS, _LATER = 0.9, 10.0
 # Stamps this many times coarser than the sampling do not give the rate.
 COARSEST = 10.0
 # Largest distance of the first stamp after a restart from the log's first one, steps. The gap that is put between two
@@ -126,6 +128,12 @@ def check_length(path: Path, samples: int) -> None:
         )
 
 
+def too_fast(steps: Array) -> bool:
+    """Whether steps of times, s, are shorter than those of machines' loops and recorders, and no bursts of rows."""
+    step, pause = np.quantile(steps, (0.5, _IN_BURSTS))
+    return bool(0 < step < _DOUBTED and pause < _LATER * step)
+
+
 def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
     """Stamps that are in order, in a plausible unit, and fine enough to give the rate.
 
@@ -160,7 +168,7 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             limit=_FASTEST,
             advice="Give the channel's `time_unit` as it was recorded.",
         )
-    if 0 < step < DOUBTED:
+    if too_fast(steps):
         notes += (
             f"the time channel {name!r} implies {1 / step:.3g} Hz, faster than machines are recorded: its "
             "`time_unit` is probably coarser",

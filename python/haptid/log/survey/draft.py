@@ -300,7 +300,10 @@ def _signal_line(key: str, family: ChannelFamily) -> str:
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
     where = _where(family)
     unit, reason = next(iter(units)), next(iter(reasons))
-    if len(units) > 1 and not _mixed(units):
+    told = len(units) > 1 and all(channel.reason.startswith(STATED) for channel in family.channels)
+    mixed = told or _mixed(units)
+    reason = "; ".join(reasons) if told else reason
+    if len(units) > 1 and not mixed:
         # A small joint, or a small motor, fits both units; that with the largest values tells which.
         largest = max(family.channels, key=lambda channel: max(abs(channel.low), abs(channel.high)))
         stated = any(channel.reason.startswith(STATED) for channel in family.channels)
@@ -311,7 +314,6 @@ def _signal_line(key: str, family: ChannelFamily) -> str:
     if still:
         reason += f"; without a change, is it connected?: {', '.join(still[:6])}"
         constant = ", constant_ok = true" if len(still) < len(family.channels) else ""
-    mixed = _mixed(units)
     written = (
         "[" + ", ".join(basic_string(channel.unit) for channel in family.channels) + "]"
         if mixed

@@ -25,25 +25,23 @@ from haptid.log.units import known_unit
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
 WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
-                     "actions", "setpoint", "control", "controls", "set", "soll", "external", "ext", "et",
+                     "actions", "setpoint", "control", "controls", "ctrl", "set", "soll", "external", "ext", "et",
                      "model", "predicted", "pred", "last", "prev", "residual", "disturbance", "gravity",
                      "friction"})  # fmt: skip
 # More likely than a command, where both are there.
 MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # What was done to a signal: another one than that without the word.
 _TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
-# rad or m of a unit of positions.
 _ANGLES = frozenset({"rad", "deg", "turn"})
-# How the reason begins of a unit that the file has.
-_STATED = "the file states"
+# rad or m of a unit of positions.
 SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
 _DRIVE = ("duty", "voltage", "current", "")
 _DRIVE_UNITS = {"A": "current", "mA": "current", "V": "voltage", "mV": "voltage"}
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
-# What is desired of a measured signal beside it, or its rate: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleD`.
-_DESIRED = re.compile(r"(?:_d|(?<=[a-z])D)(?=(?:_?\d+|\[\w+\])?$)")
+# What is desired of a measured signal beside it, or its rates: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleDD`.
+_DESIRED = re.compile(r"(?:_d|(?<=[a-z])D{1,2})(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = (
     frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"}

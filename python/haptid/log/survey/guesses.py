@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid.log.formats.sniff import RawChannel
-from haptid.log.stamps import DOUBTED
+from haptid.log.stamps import too_fast
 from haptid.log.survey.channels import ChannelSurvey, Quantity
 from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.names import (
@@ -81,7 +81,7 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
     fits = [u for u, scale in scales.items() if 2e-5 < step * scale < 0.2]
     if not unit:
         unit = fits[0] if fits else "s"
-    elif fits and 0 < step * scales[unit] < DOUBTED:
+    elif fits and too_fast(steps * scales[unit]):
         unit, reason = fits[0], f"{reason}, by which its usual step of {step:.4g} is {1 / (step * scales[unit]):.3g} Hz"
     usual, uneven = usual_step(steps)
     rate = 1.0 / (usual * scales[unit]) if usual else 0.0

@@ -423,10 +423,14 @@ def _without_repeats(channels: Sequence[ChannelSurvey], path: Path, kind: Format
 
 def _are_repeats(groups: Sequence[Sequence[ChannelSurvey]], path: Path, kind: Format) -> bool:
     """Whether the samples of the channels of that array which moves farthest are the same."""
-    farthest = max(groups, key=lambda own: own[0].high - own[0].low)
-    columns = list(_columns(path, kind, [c.name for c in farthest[:_TOGETHER]], Request()).values())
-    first, most = columns[0], _AGAIN * float(np.nanstd(columns[0]))
-    return all(float(np.sqrt(np.nanmean((column - first) ** 2))) < most for column in columns[1:])
+    farthest = max(groups, key=lambda own: own[0].high - own[0].low if own[0].usable else 0.0)
+    names = [channel.name for channel in farthest[:_TOGETHER] if channel.count]
+    if not farthest[0].usable or len(names) < 2:
+        return False
+    columns = np.stack([column.astype(np.float64) for column in _columns(path, kind, names, Request()).values()])
+    known = columns[:, np.isfinite(columns).all(axis=0)]
+    apart = np.linalg.norm(known[1:] - known[:1], axis=1)
+    return bool((apart < _AGAIN * np.linalg.norm(known[0] - known[0].mean())).all()) if known.size else False
 
 
 def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
