@@ -54,8 +54,10 @@ def test_a_locked_joint_adds_what_the_others_tell(study, tmp_path):
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
     values = json.loads((tmp_path / "out" / "result.json").read_text())
     ours = [entry for entry in values["validation"] if entry["log"] == "locked.csv"]
-    assert [entry["count"] for entry in ours if entry["motor"] == "2"] == [0]
-    assert [entry["relative_error_percent"] < 5 for entry in ours] == [True] * 3
+    (held,) = (entry for entry in ours if entry["motor"] == "2")
+    assert held["count"] == 0
+    assert held["relative_error_percent"] is None
+    assert [entry["relative_error_percent"] < 5 for entry in ours if entry is not held] == [True] * 2
     assert any("'q2' is 0.4 in every sample, as allowed" in note for note in values["notes"])
 
 
