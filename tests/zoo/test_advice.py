@@ -35,7 +35,7 @@ WRONG = {
     "spring": AXIS,
     "ripple": AXIS,
     "drift": AXIS,
-    "contact": replace(ARM, seconds=20),
+    "contact": ARM,
     "torque swap": ARM,
     "position sign": ARM,
     "gain": ARM,
@@ -264,14 +264,14 @@ def test_the_best_combination_is_written_and_identified_again(tmp_path: Path) ->
 
 
 def test_rows_of_a_contact_are_excluded_in_the_written_study(tmp_path: Path) -> None:
-    plant, wrong = found(WRONG["contact"], "contact", tmp_path)
+    plant, wrong = found(ARM, "contact", tmp_path)
     after = applied(advise(wrong), wrong, tmp_path / "out")
     assert after is not None
     (log,) = after.identification.study.logs
     for start in (0.15, 0.45, 0.75):
         middle = (start + 0.03) * plant.case.seconds
         assert any(low < middle < high for low, high in log.exclude)
-    clean = WrongPlant(WRONG["contact"])
+    clean = WrongPlant(ARM)
     off = np.abs(after.identification.estimate.beta - clean.beta) / after.identification.estimate.se
     assert off.max() < 5
 

@@ -71,17 +71,6 @@ def test_a_log_that_does_not_tell_other_motion_is_uncertain(tmp_path: Any, monke
     assert row["status"] == "uncertain", row
 
 
-def test_friction_at_the_reversals_of_a_loop_is_no_delay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At the limit of a loop joints stop at their reversals: delays were 0.4 samples too long (7 standard errors)."""
-    monkeypatch.setattr("zoo.kept.CACHE", tmp_path)
-    plant = Plant(Case(1, "axis", 500, 15, 3.8, 1, bits=14, friction=0.5, level=0.04, loop=True, delay=0.5))
-    made = record(plant)
-    found = identify(read_study(write(plant, made, tmp_path))).proposal.delays
-    assert found is not None
-    assert np.abs(found.seconds - made.delays).max() < 3 * found.se.max()
-    assert np.abs(found.seconds - made.delays).max() * plant.case.rate < 0.3
-
-
 def test_alternate_blocks_of_one_direction_of_motion_are_no_reason_to_refuse_a_log(tmp_path: Path) -> None:
     """A sine of two blocks a period: every other block moves one way, and has no friction but an offset."""
     plant = Plant(Case(3, "axis", 200, 12, 0.5, 1, friction=0.3))

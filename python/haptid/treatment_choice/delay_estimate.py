@@ -19,7 +19,6 @@ from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
-from haptid.estimation.methods.gls import Whitening
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, position_map
 from haptid.motion.motion import Motion, treat, with_delay
@@ -39,8 +38,6 @@ _CLOSE, _MOST = 0.5, 2 / 3
 # A delay of all channels so much longer or shorter than the prior mean, or channels so far apart, samples, are more
 # likely friction or a missing term; they are compensated only where the rigid bodies' torque shows them too.
 _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0
-# Delays that differ by less, samples, are one: dry friction at each motor's own instants would cost more than it gains.
-_SAME = 0.01
 # Standard deviation of a delay that is not identifiable, samples.
 _UNKNOWN = 1.0
 # Share of the largest entry of a matrix below which a channel has no part in a row.
@@ -51,12 +48,6 @@ _POSES = 50
 _STEPS, _STILL, _SMALL = 4, 0.005, 0.05
 # A delay this far from the prior mean, samples, must not make the torque near reversals worse by so many of its errors.
 _FAR, _WORSE = 1.0, 1.0
-# Standard errors within which delays agree: by whitened rows with those by ordinary least squares (of these), and by
-# the whole torque with those by its smooth part (of these).
-_AGREES = 2.0
-# Ratio of standard errors from which delays by whitened rows are preferred, and from which what the whole torque tells
-# more than its smooth part is believed.
-_MUCH = 3.0
 # Standard errors by which the rigid bodies' delay must be seen.
 _SEEN = 4.0
 # Standard error of the usual delay where rows near reversals contradict another one, as a share of the distance between
@@ -75,7 +66,6 @@ class Delays:
         accepted: whether what was found is compensated, and not taken for friction or a missing term.
         dt: sampling period, s.
         samples: of the logs that they were estimated from.
-        white, smooth: whether by rows that are whitened in time, and by the rate of the smooth part of the torque.
         by_positions: by how much one standard error of each part of the positions' errors moves them, (k, channels),
             s; not in `covariance`, because the parameters move with them.
     """
@@ -86,8 +76,6 @@ class Delays:
     accepted: bool
     dt: float
     samples: int = 0
-    white: bool = False
-    smooth: bool = False
     by_positions: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def __post_init__(self) -> None:
@@ -100,9 +88,8 @@ class Delays:
 
     @property
     def setting(self) -> float | tuple[float, ...]:
-        """`Treatment.torque_delay_s`: one value where all channels have the same, as far as it matters."""
-        same = bool(np.ptp(self.seconds) < _SAME * self.dt)
-        values = tuple(float(f"{value:.4g}") for value in (self.seconds[:1] if same else self.seconds))
+        """`Treatment.torque_delay_s`: one value where all channels have the same."""
+        values = tuple(float(f"{value:.4g}") for value in self.seconds)
         return values[0] if len(set(values)) == 1 else values
 
     @property
@@ -156,7 +143,19 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     beta = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions)))
-    (d, _, problem, spread), errors, white, smooth = _estimated(model, motions, d, beta, (mean, prior))
+    memory = None
+    for k in range(_STEPS):
+        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
+        problem = replace(problem, known_memory=memory)
+        beta, step, spread = problem.solve(mean - d, prior)
+        # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
+        memory = problem.memory if k or start is not None else None
+        # A step beyond the linear range of the columns would overshoot.
+        step = np.clip(step, -COMMON * dt, COMMON * dt)
+        d = d + step
+        if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * np.sqrt(np.diag(spread.covariance))).all():
+            break
+    d, beta, problem, spread = _settled(model, motions, (d, beta, problem, spread), (mean, prior))
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
@@ -170,8 +169,8 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         # What is refused for its size alone says nothing of the delay.
         doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
         return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt, samples)
-    likely, covariance = _likely(d - mean, spread.covariance, dt)[0], _likely(d - mean, errors.covariance, dt)[1]
-    return Delays(mean + likely, covariance, d, True, dt, samples, white, smooth)
+    likely, covariance = _likely(d - mean, spread.covariance, dt)
+    return Delays(mean + likely, covariance, d, True, dt, samples)
 
 
 def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
@@ -201,79 +200,43 @@ def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
     return mean, np.asarray(spread)
 
 
-# Parameters of the core's columns of a part of the torque, from all of them, (r,).
-Part = Callable[[DynamicModel, Array], Array]
 _Found = tuple[Array, Array, NuisanceProblem, Spread]
 
 
-def _estimated(
-    model: DynamicModel, motions: Sequence[Motion], d: Array, beta: Array, prior: tuple[Array, Array]
-) -> tuple[_Found, Spread, bool, bool]:
-    """Delays, the spread of their errors, and whether it is of whitened rows and of the smooth part of the torque.
+def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]) -> _Found:
+    """Delays, parameters, problem and spread as found, or from the smooth part of the torque alone.
 
-    A drift of the torque hides from ordinary least squares what goes with the motion, and is no obstacle to rows that
-    are whitened in time. These are sensitive to what is above the motion as well, and are taken where they are much
-    surer and agree: a torque that is late by tens of samples, or a disturbance in a loop, makes them wrong.
-
-    Dry friction jumps, at reversals. A small change of the delay moves a sampled jump by a sample or not at all, and a
-    loop at its limit moves in another way there than the filtered positions show. So delays by the whole torque have to
-    agree with those that the rate of its smooth part is the instrument for, and have the standard errors of these.
+    Dry friction jumps from one sample to the next. A small change of the delay moves a jump by a sample or not at all:
+    where all reversals of a motion lie alike between two samples, the jumps leave the residual as it is over a range of
+    delays, and the slope of the sampled torque says otherwise. From there, steps with the smooth torque find the
+    minimum within that range. They are taken where they are longer than the standard error and leave a smaller
+    residual.
 
     Args:
         motions: of logs, without a delay.
-        d, beta: delays, s, and parameters to begin with.
+        found: by the rate of the whole torque.
         prior: mean and covariance of the delays, s.
     """
-    found = _steps(model, motions, d, beta, prior)
-    white = _steps(model, motions, found[0], found[1], prior, whitening := found[2].whitening)
-    taken = bool((np.abs(white[0] - found[0]) < _AGREES * _se(found)).all() and (_MUCH * _se(white) < _se(found)).all())
-    found = white if taken else found
     if not any(term.kind in DRY for term in model.terms):
-        return found, found[3], taken, False
-    smooth = _steps(model, motions, found[0], found[1], prior, whitening if taken else None, _smooth)
-    if (np.abs(smooth[0] - found[0]) > _AGREES * _se(smooth)).any():
-        return smooth, smooth[3], taken, True
-    if (_MUCH * _se(found) < _se(smooth)).any():
-        return found, found[3], taken, False
-    return found, smooth[3], taken, True
-
-
-def _se(found: _Found) -> Array:
-    """Standard errors of delays, s."""
-    return np.asarray(np.sqrt(np.diag(found[3].covariance)))
-
-
-def _steps(
-    model: DynamicModel,
-    motions: Sequence[Motion],
-    d: Array,
-    beta: Array,
-    prior: tuple[Array, Array],
-    whitening: Whitening | None = None,
-    part: Part | None = None,
-) -> _Found:
-    """Gauss-Newton steps: delays, parameters, the problem that they solve, and the delays' spread.
-
-    Args:
-        motions: of logs, without a delay.
-        d, beta: delays, s, and parameters to begin with.
-        prior: mean and covariance of the delays, s.
-        whitening: of the rows in time; they stay as they are where None.
-        part: parameters of the core's columns whose torque has the rate, from all; all where None.
-    """
-    (mean, covariance), dt, memory = prior, motions[0].dt, None
-    for k in range(_STEPS):
-        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta, part)
+        return found
+    d, beta, problem, spread = found
+    mean, covariance = prior
+    dt, weights, se = motions[0].dt, problem.weights, np.sqrt(np.diag(spread.covariance))
+    before = np.inf
+    for k in range(_STEPS + 1):
+        memory = problem.memory
+        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta, smooth=True)
         problem = replace(problem, known_memory=memory)
-        beta, step, spread = (problem.whitened(whitening) if whitening else problem).solve(mean - d, covariance)
-        # The prior's share in the rows: after the first step its change is negligible.
-        memory = problem.memory if k and not whitening else None
-        # A step beyond the linear range of the columns would overshoot.
-        step = np.clip(step, -COMMON * dt, COMMON * dt)
-        d = d + step
-        if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * np.sqrt(np.diag(spread.covariance))).all():
+        left = problem.residual(weights)
+        beta, step, spread = problem.solve(mean - d, covariance)
+        if k == 0:
+            before = left
+            if (np.abs(step) < se).all():
+                return found
+        if k == _STEPS or np.abs(step).max() < _STILL * dt:
             break
-    return d, beta, problem, spread
+        d = d + np.clip(step, -COMMON * dt, COMMON * dt)
+    return (d, beta, problem, spread) if left < before else found
 
 
 def delay_prior(channels: int, dt: float, common: float = COMMON) -> Array:
@@ -327,9 +290,7 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     problem = _problem(estimate.model, motions, estimate.free)
     if not _same_rows(problem, estimate, delays):
         return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
-    own = _problem(estimate.model, motions, estimate.free, _smooth) if delays.smooth else problem
-    own = own.whitened(own.whitening) if delays.white else own
-    moved, by_rows, by_prior = own.moves(delay_prior(len(delays.seconds), delays.dt))
+    moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
     # The mixture of priors draws the delays towards the hold, and what moves them with them.
     drawn = np.linalg.solve(by_rows + by_prior, delays.covariance)
     made = estimate.with_moved_nuisances(moved @ drawn @ problem.sensitivity(estimate).T)
@@ -344,9 +305,9 @@ def _same_rows(problem: NuisanceProblem, estimate: Estimate, delays: Delays) -> 
     return delays.accepted and samples == delays.samples and plain and problem.rows.blocks == estimate.blocks
 
 
-def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array, part: Part | None = None) -> NuisanceProblem:
-    """The delays of the channels as nuisances, by the rate of the whole torque, or of a part of it."""
-    columns = delay_columns(model, motions[0], part)
+def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array, smooth: bool = False) -> NuisanceProblem:
+    """The delays of the channels as nuisances, by the rate of the whole torque, or of its smooth part."""
+    columns = delay_columns(model, motions[0], _smooth if smooth else None)
     return NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions))
 
 
@@ -383,7 +344,9 @@ def _smooth(model: DynamicModel, chi: Array) -> Array:
     return kept
 
 
-def delay_columns(model: DynamicModel, motion: Motion, part: Part | None = None) -> list[NuisanceColumn]:
+def delay_columns(
+    model: DynamicModel, motion: Motion, part: Callable[[DynamicModel, Array], Array] | None = None
+) -> list[NuisanceColumn]:
     """The rate of each channel's torque, by the model, in every row that the channel acts on.
 
     Args:

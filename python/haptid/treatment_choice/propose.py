@@ -125,13 +125,12 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         settings = {**given, "torque_delay_s": treatment.torque_delay_s}
         tried = [filters.at(USUAL, settings), clear.at(USUAL, settings)]
         if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings), worth=0.0):
-            filters, treatment = clear, tried[1]
+            filters = clear
+            treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         times, why = _parallel_times(filters, {**given, "torque_delay_s": treatment.torque_delay_s})
-        if times < USUAL:
+        if times != USUAL:
             treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
-        elif times > USUAL:  # what it passes above the motion is noise of the delay's column, no information
-            treatment = filters.at(times, {**given, "torque_delay_s": treatment.torque_delay_s})
     choice = _Choice.of(filters, times, given, treatment, delays)
     if choice.positions_matter:
         usual, choice = choice, _least_uncertain(choice)

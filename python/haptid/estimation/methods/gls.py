@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs
+from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import BlockMoments, Fit, UnitVarianceRows, expect_whole
 from haptid.estimation.methods.wls import WLS, FeasibleGLS
@@ -252,42 +252,27 @@ def prediction_errors(observation: Observation, weights: Array, whitened: Observ
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Row transformation: rows filtered by each motor's autoregressive model, one unbroken run at a time.
-
-    Attributes:
-        models: of the motors.
-        stride: rows from one to the next that a model relates.
-    """
+    """Row transformation: rows filtered by each motor's autoregressive model, one unbroken run at a time."""
 
     models: Sequence[Autoregression]
-    stride: int = 1
 
     def __call__(self, chunk: Chunk) -> Chunk:
         W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
-        for k, (model, used) in enumerate(zip(self.models, chunk.used, strict=True)):
-            columns = np.flatnonzero(chunk.W[k].any(axis=0))
-            rows = np.column_stack([chunk.W[k][:, columns], chunk.y[k]])
-            white, before = np.zeros_like(rows), np.minimum(rows_before(used) // self.stride, model.order)
-            for order, (own, power) in enumerate(zip(model.filters, model.powers, strict=True)):
-                at = np.flatnonzero(used & (before == order))
-                white[at] = sum(a * rows[at - lag * self.stride] for lag, a in enumerate(own)) / np.sqrt(power)
-            W[k][:, columns], y[k] = white[:, :-1], white[:, -1]
+        for k, autoregression in enumerate(self.models):
+            reached = np.flatnonzero(chunk.W[k].any(axis=0))
+            for run in runs_of(chunk.used[k]):
+                W[k, run, reached] = autoregression.whitened(chunk.W[k, run][:, reached]).T
+                y[k, run] = autoregression.whitened(chunk.y[k, run])
         return chunk.with_rows(W, y)
 
 
-def rows_before(used: np.ndarray) -> np.ndarray:
-    """Used rows without a gap before each one, of a mask (rows,); as if there were none where it is not used itself."""
-    index = np.arange(len(used))
-    return np.asarray(index - np.maximum.accumulate(np.where(used, -1, index)) - 1)
-
-
-def residual_models(rows: Rows, beta: Array, most_order: int, stride: int = 1) -> list[Autoregression]:
+def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:
     """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit.
 
     That of white noise of unit variance for a motor without rows.
     """
     models = []
-    for motor, own in zip(rows.observation.motors, residual_runs(rows, beta, stride), strict=True):
+    for motor, own in zip(rows.observation.motors, residual_runs(rows, beta), strict=True):
         if not motor.rows.any():
             models.append(Autoregression((np.ones(1),), np.ones(1)))
             continue
