@@ -58,7 +58,9 @@ def looped(mechanism: Random, backend: str, rng: np.random.Generator) -> tuple[_
 def motion(mechanism: Random, loops: int, samples: int, rng: np.random.Generator) -> list[np.ndarray]:
     """Positions, velocities, accelerations, two external columns, and loops."""
     na = mechanism.coordinates
-    return [rng.normal(size=(many, samples)) for many in (na, na, na, 2, loops)]
+    drawn = [rng.normal(size=(many, samples)) for many in (na, na, na, 2, loops)]
+    # Friction has a kink at zero, which no difference may cross.
+    return [np.where(np.abs(x) < 4 * STEP, 4 * STEP, x) for x in drawn]
 
 
 def moved(channels: list[np.ndarray], channel: int, step: float) -> list[np.ndarray]:
