@@ -152,11 +152,15 @@ def test_the_first_action_is_applied_alone_where_it_leaves_no_more(
     """A spring left out made a length of 100 mm look proven; both were written, with 1.72 % in place of 0.23 %."""
     written = []
 
-    def tried(actions, found, out, _data, before):
+    def wrote(actions, found, folder, _data):
         written.append(" ".join(one.kind for one in actions))
-        after = errors.get(written[-1])
-        return None if after is None else apply.Applied(out / "study.toml", actions, before, after, found)
+        return folder.path / "study.toml"
 
+    def tried(actions, found, folder, data, before):
+        path, after = wrote(actions, found, folder, data), errors.get(" ".join(one.kind for one in actions))
+        return None if after is None else apply.Applied(path, actions, before, after, found)
+
+    monkeypatch.setattr(apply, "_write", wrote)
     monkeypatch.setattr(apply, "_tried", tried)
     monkeypatch.setattr(apply, "_worst", lambda _: 4.9)
     edit = (Edit("study", "set", ("estimate", "use"), "auto"),)
@@ -204,3 +208,47 @@ def test_what_sticks_in_a_validation_log_is_left_out_there_too(tmp_path: Path) -
     assert made is not None
     assert made.after < 0.7 * made.before
     assert (tmp_path / "out" / "study.toml").read_text().count("exclude") == 2
+
+
+def proposed(*edits: Edit) -> Advice:
+    """Advice of one change for each edit."""
+    return advice(*(replace(action("length", 1.0, True), edits=(edit,)) for edit in edits))
+
+
+def test_what_is_tried_first_leaves_no_device_file_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Where the first change alone is kept, the device file of the combination would stay beside its study."""
+    found = identify(read_study(small_study.write_study(tmp_path)))
+    spring = Edit("study", "set", ("estimate", "use"), "auto")
+    device = Edit("device", "set", ("gravity",), [0.0, 0.0, -9.8])
+    shipped = replace(found, study=replace(found.study, device="two_links"))
+    monkeypatch.setattr("haptid.advice.edits.file_text", lambda _: ("device.toml", small_study.DEVICE))
+    monkeypatch.setattr("haptid.advice.edits.read_study", lambda path: path)
+    folder, (first, second) = apply._Folder(tmp_path / "out"), proposed(spring, device).actions
+    apply._write((first, second), shipped, folder, None)
+    assert (tmp_path / "out" / "device.toml").is_file()
+    apply._write((first,), shipped, folder, None)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["study.toml"]
+
+
+@pytest.mark.parametrize("earlier", [False, True])
+def test_what_is_not_confirmed_leaves_the_folder_as_it_was(tmp_path: Path, earlier: bool) -> None:
+    found = identify(read_study(small_study.write_study(tmp_path)))
+    out = tmp_path / "out"
+    if earlier:
+        out.mkdir()
+        (out / "study.toml").write_text("of an earlier run")
+    worse = Edit("study", "set", ("treatment", "cutoff_hz"), 3.0)
+    assert apply.apply_advice(proposed(worse), found, out) is None
+    assert out.exists() == earlier
+    assert not earlier or [one.read_text() for one in out.iterdir()] == ["of an earlier run"]
+
+
+def test_the_study_itself_is_not_overwritten(tmp_path: Path) -> None:
+    """`--apply .` beside a `study.toml` put the change in its place, or removed it where none was confirmed."""
+    path = small_study.write_study(tmp_path)
+    path = path.rename(tmp_path / "study.toml")
+    found, before = identify(read_study(path)), path.read_text()
+    with pytest.raises(haptid.errors.OutputFolderError, match=r"study\.toml is what is to be changed"):
+        apply.apply_advice(proposed(Edit("study", "set", ("estimate", "use"), "auto")), found, tmp_path)
+    assert path.read_text() == before
+    assert {one.name for one in tmp_path.iterdir()} >= {"study.toml", "device.toml", "log.csv"}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,29 +49,68 @@ def apply_advice(advice: Advice, found: Identification, out: Path, data: Path | 
     Raises:
         OutputFolderError: the folder cannot be written.
     """
+    folder = _Folder(out)
+    try:
+        made = _confirmed(advice, found, folder, data)
+    except BaseException:
+        folder.restore()
+        raise
+    if made is None:
+        folder.restore()
+    return made
+
+
+class _Folder:
+    """The folder of the new files; it becomes what it was where none is confirmed, and before others are written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.new = path, not path.exists()
+        own = [path / name for name in ("study.toml", "device.toml")]
+        self.before = {one: one.read_bytes() if one.is_file() else None for one in own}
+
+    def restore(self) -> None:
+        """Take back what was written; what cannot be written at all is an error of the writing."""
+        for path, content in self.before.items():
+            with suppress(OSError):
+                if content is None:
+                    path.unlink()
+                else:
+                    path.write_bytes(content)
+        if self.new:
+            with suppress(OSError):
+                self.path.rmdir()
+
+
+def _confirmed(advice: Advice, found: Identification, folder: _Folder, data: Path | None) -> Applied | None:
+    """What is written at last; None where identifying again confirms nothing."""
     before = _worst(found)
     for actions in _combinations(advice):
-        made = _tried(actions, found, out, data, before)
+        made = _tried(actions, found, folder, data, before)
         if made is None:
             continue
         if (first := _first(actions)) is None:
             return made
-        alone = _tried(first, found, out, data, before)
+        alone = _tried(first, found, folder, data, before)
         if alone is not None and alone.after <= made.after:
             return alone
-        return _tried(actions, found, out, data, before)  # written again
-    if out.is_dir() and not _others(out):
-        shutil.rmtree(out, ignore_errors=True)
+        _write(actions, found, folder, data)
+        return made
     return None
 
 
-def _tried(
-    actions: tuple[Action, ...], found: Identification, out: Path, data: Path | None, before: float
-) -> Applied | None:
-    """Actions written and identified; None where that does not confirm them."""
+def _write(actions: tuple[Action, ...], found: Identification, folder: _Folder, data: Path | None) -> Path:
+    """The path of the study with the actions, in place of what was tried before."""
     edits = [edit for action in actions for edit in action.edits]
     kinds = ", ".join(action.kind for action in actions)
-    path = written(found.study, data, edits, out, f"{found.study.path.name}, changed by haptid advise: {kinds}")
+    folder.restore()
+    return written(found.study, data, edits, folder.path, f"{found.study.path.name}, changed by haptid advise: {kinds}")
+
+
+def _tried(
+    actions: tuple[Action, ...], found: Identification, folder: _Folder, data: Path | None, before: float
+) -> Applied | None:
+    """Actions written and identified; None where that does not confirm them."""
+    path = _write(actions, found, folder, data)
     try:
         made = identify(read_study(path))
     except HaptidError:
@@ -105,8 +144,3 @@ def _combinations(advice: Advice) -> Iterator[tuple[Action, ...]]:
         if actions and actions not in tried:
             tried.append(actions)
             yield actions
-
-
-def _others(folder: Path) -> bool:
-    """Whether a folder has other files than those that are written."""
-    return any(path.name not in ("study.toml", "device.toml") for path in folder.iterdir())

@@ -212,10 +212,16 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
     file is written where it is edited, or is a file.
 
     Raises:
-        OutputFolderError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written, or holds the study or its device file themselves.
     """
     from haptid._internal.toml_edit import rewritten  # only this needs a TOML library that keeps comments
 
+    for own, name in ((study.path, "study.toml"), (study.device, "device.toml")):
+        if isinstance(own, Path) and (out / name).exists() and (out / name).samefile(own):
+            raise OutputFolderError(
+                f"{out / name} is what is to be changed; it would be overwritten.", where=out,
+                advice="Choose another folder.",
+            )  # fmt: skip
     study_text, (name, device_text) = study.path.read_text(encoding="utf-8"), file_text(study.device)
     plan, device = tomllib.loads(study_text), tomllib.loads(device_text)
     root = data or study.path.parent
