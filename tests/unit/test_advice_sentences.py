@@ -152,7 +152,7 @@ def test_the_first_action_is_applied_alone_where_it_leaves_no_more(
     """A spring left out made a length of 100 mm look proven; both were written, with 1.72 % in place of 0.23 %."""
     written = []
 
-    def wrote(actions, found, folder, _data):
+    def wrote(actions, _found, folder, _data):
         written.append(" ".join(one.kind for one in actions))
         return folder.path / "study.toml"
 

@@ -26,7 +26,7 @@ def estimate(parameters, invented=()):
 
 
 def given(relative, statuses, told=4, seen=False, invented=()):
-    """The verdict on an estimate of four parameters, of which so many are told well and some are of rounding alone."""
+    """The verdict on an estimate of four parameters, `told` of them known well and `invented` of rounding alone."""
     parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
     errors = Validation((MotorError("1", "motor 1", "N m", relative, 100.0, 10),), seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]

@@ -106,7 +106,7 @@ _WINDOWS: WeakKeyDictionary[Motion, dict[int, tuple[tuple[Array, Array], ...]]] 
 
 
 def _windows(motion: Motion, count: int) -> tuple[tuple[Array, Array], ...]:
-    """Those of so many windows, evenly spread, each (channels, samples)."""
+    """Positions and velocities in a number of windows, evenly spread, each (channels, samples)."""
     kept = _WINDOWS.setdefault(motion, {})
     if count not in kept:
         low, high = motion.usable

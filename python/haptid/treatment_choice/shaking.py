@@ -26,7 +26,7 @@ from haptid.observation.observation import observe
 from haptid.treatment_choice.elasticity import parameters_of
 from haptid.treatment_choice.first_fit import least_squares
 
-# Frequencies above so many bandwidths of the motion, and up to this share of half the sampling rate, are looked at.
+# Lowest frequency that is looked at, in bandwidths of the motion, and the highest, as a share of the Nyquist frequency.
 _ABOVE, _UP_TO = 4.0, 0.9
 # Speed over that of the shaking, rms, from which on dry friction has 99 % of its size, as of a normal distribution.
 _CLEAR = 2.5

@@ -10,11 +10,10 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
-from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import Knowledge, Solution, unexcited
 from haptid.estimation.method import Method, Wrapper, expect_weighting
 from haptid.estimation.methods.constrained import Constrained, PhysicallyConsistent
-from haptid.estimation.methods.wls import WLS
+from haptid.estimation.methods.wls import WLS, weights_without
 from haptid.motion.channels import state
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
@@ -53,13 +52,8 @@ class Anchored(Wrapper):
         return f"{self.weighting.name}, weak prior on torque"
 
     def weights(self, observation: Observation) -> Array:
-        """Those of the wrapped method, (motors,); of `WLS` by fits without what the rows do not tell, if need be."""
-        try:
-            return self.weighting.weights(observation)
-        except IdentifiabilityError:
-            if not isinstance(self.weighting, WLS):
-                raise
-            return self.weighting.weights(observation, unexcited(observation.stack()[:-1, :-1])[0])
+        """Those of the wrapped method, (motors,)."""
+        return weights_without(self.weighting, observation, lambda rows: unexcited(rows.stack()[:-1, :-1])[0])
 
     def knowledge(self, observation: Observation) -> Knowledge:
         """The prior, one row of unit variance for each direction."""

@@ -12,13 +12,13 @@ from haptid.device.expressions import combination
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IdentifiabilityError, SettingError, setting_error, unknown_name
+from haptid.errors import SettingError, setting_error, unknown_name
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
 from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, nearest_feasible
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.estimation.method import Method, Wrapper, expect_weighting
-from haptid.estimation.methods.wls import WLS
+from haptid.estimation.methods.wls import WLS, weights_without
 from haptid.observation.observation import MotorRows, Observation
 
 # Relative residual of equality constraints at their least-squares solution above which they contradict each other.
@@ -51,12 +51,7 @@ class FixedAtZero(Wrapper):
 
     def weights(self, observation: Observation) -> Array:
         """Those of the wrapped method, (motors,)."""
-        try:
-            return self.weighting.weights(observation)
-        except IdentifiabilityError:
-            if not isinstance(self.weighting, WLS):
-                raise
-            return self.weighting.weights(observation, self.zero(observation))
+        return weights_without(self.weighting, observation, self.zero)
 
     def zero(self, observation: Observation) -> tuple[int, ...]:
         """Indices of the base parameters left out.

@@ -12,7 +12,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import UnitVarianceRows, expect_whole
+from haptid.estimation.method import Method, UnitVarianceRows, expect_whole
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.rows import Chunk, Rows
 
@@ -96,6 +96,27 @@ class WLS:
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))
         floor = max(np.finfo(float).eps * motor.norm / np.sqrt(dof), motor.rounding)
         return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))
+
+
+def weights_without(
+    weighting: Method, observation: Observation, left_out: Callable[[Observation], Sequence[int]]
+) -> Array:
+    """Weights of the motors' rows, (motors,); of `WLS` by fits without some parameters where the rows do not tell all.
+
+    Args:
+        weighting: of the rows.
+        observation: rows.
+        left_out: gives the base parameters to leave out, by index.
+
+    Raises:
+        IdentifiabilityError: another method's fits need what the rows do not tell.
+    """
+    try:
+        return weighting.weights(observation)
+    except IdentifiabilityError:
+        if not isinstance(weighting, WLS):
+            raise
+        return weighting.weights(observation, left_out(observation))
 
 
 @dataclass(frozen=True)
