@@ -176,18 +176,13 @@ fn raised(backend: Backend, matrix: &Square, power: usize) -> Square {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::draws;
     use proptest::prelude::*;
 
     /// Reflections of a diagonal matrix, one after the other: its eigenvalues are known.
     fn turned(eigenvalues: &[f64], seed: u64) -> Vec<f64> {
         let n = eigenvalues.len();
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        let mut draw = || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        };
+        let mut draw = draws(seed);
         let mut a: Vec<f64> = (0..n * n).map(|k| if k % (n + 1) == 0 { eigenvalues[k / n] } else { 0.0 }).collect();
         for _ in 0..3 {
             let v: Vec<f64> = (0..n).map(|_| draw()).collect();

@@ -262,6 +262,7 @@ unsafe fn transform_group<T: Lane, const L: usize, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::draws;
     use crate::linalg::lane_gram::LaneGram;
     use crate::linalg::tsqr::fold;
     use proptest::prelude::*;
@@ -272,13 +273,7 @@ mod tests {
     /// Columns of a length each: those of `near` are a combination of the ones before them and, with this weight, a
     /// direction of their own.
     fn columns(near: &[(f64, f64)], seed: u64) -> Vec<f64> {
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        let mut draw = || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        };
+        let mut draw = draws(seed);
         let mut a = vec![0.0; near.len() * STRIDE];
         for (c, &(weight, length)) in near.iter().enumerate() {
             let shares: Vec<f64> = (0..c).map(|_| draw()).collect();

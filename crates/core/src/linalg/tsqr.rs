@@ -317,17 +317,12 @@ unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::draws;
 
     /// Pseudo-random numbers in -1..1, the same on every machine.
     fn numbers(count: usize, seed: u64) -> Vec<f64> {
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        let next = |_| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
-        (0..count).map(next).collect()
+        let mut next = draws(seed);
+        (0..count).map(|_| next()).collect()
     }
 
     /// R'R equals A'A on every back end, for shapes around the panel and lane widths.
