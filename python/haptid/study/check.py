@@ -170,7 +170,9 @@ def _treatment(
     progress("choosing a treatment", 0.0)
     proposal = propose(model, *logs_to_propose_from(study, logs), **study.treatment)
     progress("choosing a treatment", 1.0)
-    return proposal.reasons, _steps(study, model, [treat(log, proposal.treatment) for log in logs])
+    return (*proposal.reasons, *proposal.slower(logs)), _steps(
+        study, model, [treat(log, proposal.carried_by(log)) for log in logs]
+    )
 
 
 def _read(

@@ -375,8 +375,8 @@ class _OneLog:
     def __call__(self, log: FleetLog) -> FleetEstimate:
         entry = replace(self.study.logs[0], path=str(log.path), time_range=None, episodes=None, exclude=())
         try:
-            motion = treat(read_entry(entry, Path(), silent), self.proposal.treatment)
-            observation = observe(self._model, motion)
+            recorded = read_entry(entry, Path(), silent)
+            observation = observe(self._model, treat(recorded, self.proposal.carried_by(recorded)))
             found = estimate(observation, self.study.method, self.study.intervals)
             found = with_all_uncertainty(found, self.proposal, None)
             return _entry(log, found)

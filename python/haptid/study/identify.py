@@ -160,10 +160,13 @@ def identify(
     progress("choosing a treatment", 0.0)
     with naming_still_joints(as_filed, logs, study):
         proposal = propose(as_filed, *logs_to_propose_from(study, logs), **study.treatment)
+    proposal = replace(proposal, reasons=(*proposal.reasons, *proposal.slower(logs)))
     progress("choosing a treatment", 1.0)
-    logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
-    calibration, logs = _calibrated(study, as_filed, logs, proposal.treatment, progress)
-    motions = [_treat(log, proposal.treatment, progress) for log in logs]
+    logs = [
+        _unloaded(as_filed, log, proposal.carried_by(log), entry) for log, entry in zip(logs, study.logs, strict=True)
+    ]
+    calibration, logs = _calibrated(study, as_filed, logs, proposal, progress)
+    motions = [_treat(log, proposal.carried_by(log), progress) for log in logs]
     model, projection = fit_nonlinear_constants(
         as_filed, study.of_fit(motions), study.method, study.intervals, progress
     )
@@ -173,7 +176,7 @@ def identify(
     with naming_still_joints(as_filed, logs, study):
         study, conditional = told_estimate(study, model, logs, concatenated(study.of_fit(observations)), intervals)
     final = with_all_uncertainty(conditional, proposal, calibration)
-    all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
+    all_rows = _reference_rows(model, logs, proposal, workers, cache)
     use = model_for_use(final, study.of_fit(all_rows), study.use)
     runs = tuple(map(Run, study.logs, observations, all_rows))
     runs = tuple(replace(run, motors=motor_shares(use.estimate, run.motion)) for run in runs)
@@ -222,15 +225,17 @@ def _check_size(model: DynamicModel) -> None:
 
 
 def _reference_rows(
-    model: DynamicModel, logs: Sequence[Log], reference: Treatment, workers: Executor | None, cache: RFactorCache | None
+    model: DynamicModel, logs: Sequence[Log], proposal: Proposal, workers: Executor | None, cache: RFactorCache | None
 ) -> tuple[Observation, ...]:
     """All rows of each log but those at rest; with these where a log is slower throughout than rest of the others."""
+    references = [proposal.reference_of(log) for log in logs]
     try:
-        return observe_all(model, [treat(log, reference) for log in logs], workers, cache)
+        motions = [treat(log, reference) for log, reference in zip(logs, references, strict=True)]
+        return observe_all(model, motions, workers, cache)
     except NoRowsError:
         if len(logs) == 1:
-            return observe_all(model, [treat(logs[0], replace(reference, rest_speed=0.0))], workers, cache)
-    return tuple(rows for log in logs for rows in _reference_rows(model, [log], reference, workers, cache))
+            return observe_all(model, [treat(logs[0], replace(references[0], rest_speed=0.0))], workers, cache)
+    return tuple(rows for log in logs for rows in _reference_rows(model, [log], proposal, workers, cache))
 
 
 def check_kind(study: Study) -> None:
@@ -310,16 +315,18 @@ def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEnt
 
 
 def _calibrated(
-    study: Study, model: DynamicModel, logs: Sequence[Log], treatment: Treatment, progress: _Progress
+    study: Study, model: DynamicModel, logs: Sequence[Log], proposal: Proposal, progress: _Progress
 ) -> tuple[Calibration | None, list[Log]]:
     """Home offsets and the direction of gravity from the logs of the fit, and all logs corrected to them."""
     if study.calibration is None:
         return None, list(logs)
     progress("calibrating", 0.0)
     fitted = study.of_fit(range(len(study.logs)))
-    calibration = find_calibration(model, [logs[k] for k in fitted], treatment, study.calibration)
+    calibration = find_calibration(model, [logs[k] for k in fitted], proposal.treatment, study.calibration)
     places = {k: j for j, k in enumerate(fitted)}
-    corrected = [calibration.corrected(model, log, treatment, places.get(k)) for k, log in enumerate(logs)]
+    corrected = [
+        calibration.corrected(model, log, proposal.carried_by(log), places.get(k)) for k, log in enumerate(logs)
+    ]
     progress("calibrating", 1.0)
     return calibration, corrected
 

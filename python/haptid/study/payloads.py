@@ -108,9 +108,9 @@ def _recorded(
         progress(f"reading {Path(entry.path).name}", 1.0)
     progress("choosing a treatment", 0.0)
     bare = [log for log, entry in zip(logs, entries, strict=True) if entry.body is None]
-    treatment = propose(model, *bare, **study.treatment).treatment
+    proposal = propose(model, *bare, **study.treatment)
     progress("choosing a treatment", 1.0)
-    motions = [treat(log, treatment) for log in logs]
+    motions = [treat(log, proposal.carried_by(log)) for log in logs]
     without = [motion for motion, entry in zip(motions, entries, strict=True) if entry.body is None]
     model, _ = fit_nonlinear_constants(model, without, WLS(), ClusterRobust(), progress)
     return model, list(motions)

@@ -122,12 +122,12 @@ class _Reducer:
     """Reduction of one file, sent to the workers once.
 
     Attributes:
-        study, treatment: as all files have them.
+        study, proposal: as all files have them.
         blocks: most blocks that a file is returned in.
     """
 
     study: Study
-    treatment: Treatment
+    proposal: Proposal
     blocks: int
 
     @cached_property
@@ -144,7 +144,7 @@ class _Reducer:
                 stamps.append(time.perf_counter())
                 log = read_entry(replace(entry, path=str(path)), Path(), silent)
                 stamps.append(time.perf_counter())
-                found = in_fewer_blocks(observe(model, treat(log, self.treatment)), self.blocks)
+                found = in_fewer_blocks(observe(model, treat(log, self.proposal.carried_by(log))), self.blocks)
         except Exception as error:  # a defect that one file shows does not cost the others
             return ReducedFile(FileWork(file.name, worker, begun, problem=_problem(error)))
         stamps.append(time.perf_counter())
@@ -243,7 +243,7 @@ def identify_pool(
     alone = observe(model, *(treat(log, proposal.treatment) for log in study.of_fit(own)))
     progress("choosing a treatment", 1.0)
     begin = time.perf_counter()
-    work = _Reducer(study, proposal.treatment, max(1, MOST_BLOCKS // len(files)))
+    work = _Reducer(study, proposal, max(1, MOST_BLOCKS // len(files)))
     key = f"{fleet_fingerprint(study, model, own, proposal.treatment)} {work.blocks}"
     reduced = _told(_each_once(_reduced(work, files, workers or SerialExecutor(), kept, key)), done)
     rows, works = _together(model, files, reduced, progress)

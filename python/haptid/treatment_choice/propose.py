@@ -31,7 +31,7 @@ from haptid.observation.plan import LEAST_BLOCKS
 from haptid.treatment_choice.corners import cuts_corners
 from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
-from haptid.treatment_choice.motion_filters import HIGHEST, USUAL, Given, MotionFilters
+from haptid.treatment_choice.motion_filters import HIGHEST, HIGHEST_PARALLEL, USUAL, Given, MotionFilters
 from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
 from haptid.treatment_choice.rounding import Rounding, rounding_effect
@@ -74,6 +74,8 @@ class Proposal:
         bandwidth_hz: of the motion.
         effects: standard errors of the parameters by the encoders' noise and by the position filter, (1, p) each.
         rounding: what rounding of the positions moves; None without encoders.
+        dt: sampling period of the slowest log that it is from, s.
+        given: names of the settings that were given.
     """
 
     treatment: Treatment
@@ -83,9 +85,43 @@ class Proposal:
     bandwidth_hz: float
     effects: Mapping[str, Array] = field(default_factory=dict)
     rounding: Rounding | None = None
+    dt: float = 0.0
+    given: frozenset[str] = frozenset()
+
+    def carried_by(self, log: Log) -> Treatment:
+        """The treatment of a log: at a lower rate than those it is from, what was proposed is lowered to that rate."""
+        return _lowered(self.treatment, self.dt, float(log.dt), self.given)
+
+    def reference_of(self, log: Log) -> Treatment:
+        """The reference of a log, lowered in the same way."""
+        return _lowered(self.reference, self.dt, float(log.dt), frozenset())
+
+    def slower(self, logs: Sequence[Log]) -> tuple[str, ...]:
+        """A sentence for each log to whose rate the treatment is lowered."""
+        lowered = {log: made for log in logs if (made := self.carried_by(log)) != self.treatment}
+        return tuple(
+            f"{log.path.name} has {log.rate_hz:.4g} Hz, less than the {1 / self.dt:.4g} Hz that the treatment is for: "
+            f"there the parallel filter is at {made.parallel(float(log.dt)) or 0.5 * log.rate_hz:.3g} Hz, and one row "
+            f"is of {made.decimation} sample{'s' if made.decimation > 1 else ''}."
+            for log, made in lowered.items()
+        )
 
     def _shown(self) -> Overview:
         return Overview("Proposed treatment", ("reason",), [[reason] for reason in self.reasons])
+
+
+def _lowered(treatment: Treatment, dt: float, own: float, given: frozenset[str]) -> Treatment:
+    """A treatment of samples every `dt` s as samples every `own` s carry it, but for settings that were given."""
+    if own < _SAME_RATE * dt:
+        return treatment
+    highest = 0.95 * 0.5 / own
+    lowered: dict[str, Any] = {
+        "parallel_cutoff_hz": min(treatment.parallel(dt) or HIGHEST_PARALLEL / dt, HIGHEST_PARALLEL / own),
+        "decimation": max(1, int(treatment.decimation * dt / own)),
+    }
+    if treatment.cutoff_hz is not None:
+        lowered["cutoff_hz"] = tuple(np.minimum(np.atleast_1d(treatment.cutoff_hz), highest).tolist())
+    return replace(treatment, **{name: value for name, value in lowered.items() if name not in given})
 
 
 def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
@@ -145,7 +181,10 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     why_rows = (*filters.kept(treatment, given), *filters.at_rest(reference))
     reasons = (*filters.reasons(treatment, why, given), *why_rows, *choice.why_block, *why_time)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
-    return Proposal(treatment, reasons, reference, delays, filters.bandwidth, choice.effects, choice.rounding)
+    fixed = frozenset(given)
+    return Proposal(
+        treatment, reasons, reference, delays, filters.bandwidth, choice.effects, choice.rounding, filters.dt, fixed
+    )
 
 
 def _faster_than_shaking(filters: MotionFilters, treatment: Treatment, given: Given) -> MotionFilters:
