@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
-from haptid.advice.bodies import Impossible, impossible, right_signs
+from haptid.advice.bodies import impossible, right_signs
 from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.common_delay import KIND as COMMON_DELAY
 from haptid.advice.common_delay import with_common_delay
@@ -19,9 +19,9 @@ from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
 from haptid.advice.orders import OtherOrder, other_order
 from haptid.advice.ranking import helped, in_order, stated
+from haptid.advice.reversed_motors import reversed_motors, sign_actions, without_complements
 from haptid.advice.search import (
     LARGE_GAIN,
-    LEAST_SE,
     Proven,
     Trials,
     TriedChange,
@@ -55,12 +55,8 @@ _ROUGH, _LARGE = 20.0, 10.0
 _COUNTS = 5.0
 # Most actions of a combination.
 _MOST = 4
-# Least share of what is negative in the torque of a motor that is reversed.
-_SHOWS = 0.05
 # Ratio of the error of another log to that of unseen blocks of the fit from which the other log is named.
 _FAR = 2.0
-# Share of the squared error that rounding changes.
-_SAME_ERROR = 1e-6
 # A factor that is -1 within this is a sign.
 _SIGN = 0.3
 
@@ -105,10 +101,15 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     else:
         search = with_common_delay(search)
     made = in_order([(_named(one), stated(search, base, one.trial)) for one in proven(search, base)])
+    signs = reversed_motors(search, base, negative)
+    made = without_complements(search, signs, made)
     if other or masks:  # small gains may be those of the treatment, which was chosen with them
         made = [one for one in made if one.gain.share > LARGE_GAIN]
     chosen, after = _combined(search, base, made)
-    left = after / max(before, 1e-300)
+    kinds = {(one.candidate.kind, place) for one in made for place in one.candidate.places}
+    reversals = list(sign_actions(search, base, signs, kinds))
+    telling = [action for action in reversals if action.proof == "unseen error"]
+    left = min([after, *(action.after for action in telling)]) / max(before, 1e-300)
     whole_changes = [one for one in (_mounting(found, part, left), _order(found, part, left)) if one is not None]
     left = min([left, *(one.after / one.before for one in whole_changes)])
     whole_changes += [one for one in (_counts(found, part, left),) if one is not None]
@@ -116,6 +117,9 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         best = min(whole_changes, key=lambda one: one.after)
         check = tuple(_other_robot(best.after, (0.0, 0.0)))
         return Advice((best,), best.before, best.after, check, len(search.candidates) + len(whole_changes))
+    if telling:  # everything else was judged on torques of the wrong sign
+        after = min(action.after for action in telling)
+        return Advice(tuple(telling), before, after, tuple(_other_robot(after, (0.0, 0.0))), len(search.candidates))
     treatment = found.proposal.treatment
     listed = [
         _action(search, base, one, one in chosen, edits_of(search, one, treatment), _rivals(base, one, made))
@@ -137,7 +141,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     whole_sign = whole_reversed(found, part)
     if whole_sign is not None and whole_sign.kind == "mounting":  # nothing else can be judged with it
         return Advice((whole_sign,), whole_sign.before, whole_sign.after, (), len(search.candidates) + 1)
-    first = [whole_sign] if whole_sign else [*_bodies(_reversed(search, base, negative), known)]
+    first = [whole_sign] if whole_sign else reversals
     known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
@@ -403,52 +407,6 @@ def _filter_action(one: OtherFilter, blocks: int) -> Action:
         "filter", (where,), CHANGES["filter"].format(where=where), "unseen error", one.before, one.after, one.se,
         one.gain.share, True, (one.edit,), blocks,
     )  # fmt: skip
-
-
-def _reversed(search: Trials, base: Trial, negative: Sequence[Impossible]) -> list[tuple[Impossible, ...]]:
-    """Motors whose torque is reversed, one by one, or all of them where their coupling tells only that of all."""
-    alone: list[tuple[Impossible, ...]] = [(one,) for one in negative if _reversible(search, base, (one,))]
-    if alone or len(negative) < 2:
-        return alone
-    return [tuple(negative)] if _reversible(search, base, negative) else []
-
-
-def _reversible(search: Trials, base: Trial, group: Sequence[Impossible]) -> bool:
-    """Whether the motors' torques reversed leave no greater error, and nothing negative that must be positive.
-
-    A reversed motor has all of its torque reversed: where only a trace of it is negative, as in slow motion or where a
-    hand moves the device, that says nothing of the channel.
-    """
-    if max(one.share for one in group) < _SHOWS:
-        return False
-    grams = search.bench.grams["used"]
-    for one in group:
-        grams = grams.reversed(one.motor)
-    trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"))
-    made = gain(base, trial)
-    beta = np.zeros(group[0].combinations.shape[1])
-    beta[search.bench.kept] = trial.whole.theta[: len(search.bench.kept)]
-    positive = all(bool((one.combinations @ beta > 0).all()) for one in group)
-    return made.share > -max(LEAST_SE * made.se, _SAME_ERROR) and positive
-
-
-def _bodies(found: Sequence[tuple[Impossible, ...]], known: set[tuple[str, str]]) -> Iterator[Action]:
-    """Signs of motors of which everything is negative."""
-    for group in found:
-        labels = tuple(one.label for one in group)
-        if any(("torque sign", label) in known for label in labels) or any(
-            kind == "position sign" for kind, _ in known
-        ):
-            continue
-        names = list(dict.fromkeys(name for one in group for name in one.names))
-        channel = "channel" if len(group) == 1 else "channels"
-        change = (
-            f"reverse the torque or the position {channel} of {joined_names(labels)}, whose {joined_names(names)} "
-            f"cannot be"
-        )
-        edits = tuple(Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, one.motor) for one in group)
-        least = min(one.t for one in group)
-        yield Action("torque sign", labels, change, "possible bodies", least, 0.0, None, 1.0, True, edits)
 
 
 def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:

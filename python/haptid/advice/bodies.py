@@ -31,6 +31,7 @@ class Impossible:
         t: the least distance from zero, in standard errors.
         share: of these in the motor's torque.
         combinations: of the base parameters, all of which must be positive, (count, p).
+        least: values of these below which each is negative beyond its uncertainty, (count,): 0 of those that were.
     """
 
     motor: int
@@ -39,6 +40,7 @@ class Impossible:
     t: float
     share: float
     combinations: Array
+    least: Array
 
 
 def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
@@ -50,14 +52,16 @@ def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
     """
     for one in _must_be_positive(estimate, rows):
         significant = one.significant
-        if significant and all(one.t[k] < 0 for k in significant) and (0 in significant or len(significant) > 1):
+        told = len(significant) > 1 or not {0, *one.dry}.isdisjoint(significant)  # a delay makes viscosity negative
+        if told and all(one.t[k] < 0 for k in significant):
             negative = tuple(one.names[k] for k in significant)
             parts = one.combinations @ estimate.beta * one.sizes
             share = float(np.linalg.norm(parts[significant])) / max(
                 _middle(rows.y[one.motor][rows.used[one.motor]]), np.finfo(float).tiny
             )
             least = float(np.abs(one.t[significant]).min())
-            yield Impossible(one.motor, one.label, negative, least, share, one.combinations)
+            below = np.where(np.isin(np.arange(len(one.t)), significant), 0.0, -IMPOSSIBLE * one.se)
+            yield Impossible(one.motor, one.label, negative, least, share, one.combinations, below)
 
 
 def right_signs(estimate: Estimate, rows: TrialRows) -> frozenset[int]:
@@ -80,8 +84,9 @@ class _Positive:
         names: of the combinations.
         combinations: of the base parameters, (count, p).
         sizes: factor of each in the torque.
-        t: each over its standard error.
+        se, t: standard error of each, and it over that.
         significant: those, by number, that are far from zero.
+        dry: those, by number, of dry friction.
     """
 
     motor: int
@@ -89,8 +94,10 @@ class _Positive:
     names: tuple[str, ...]
     combinations: Array
     sizes: Array
+    se: Array
     t: Array
     significant: list[int]
+    dry: tuple[int, ...]
 
 
 def _must_be_positive(estimate: Estimate, rows: TrialRows) -> Iterator[_Positive]:
@@ -101,19 +108,21 @@ def _must_be_positive(estimate: Estimate, rows: TrialRows) -> Iterator[_Positive
     acceleration = np.gradient(rows.velocity, rows.t, axis=1) if len(rows.t) > 1 else np.zeros_like(rows.velocity)
     for m, (row, motor) in enumerate(zip(device_rows(estimate), estimate.observation.motors, strict=True)):
         others = [set(o.columns.tolist()) for k, o in enumerate(estimate.observation.motors) if k != m]
-        combinations, names = [M[row]], ["inertia"]
+        combinations, names, own_kinds = [M[row]], ["inertia"], ["inertia"]
         sizes = [_middle(acceleration[row])]  # of the factor of each
         for k in motor.columns:
             own = model.base.independent_columns[int(k)]
             if kinds[own] in ("FC", "FV") and not any(int(k) in there for there in others):
                 combinations.append(np.eye(len(model.base))[int(k)])
                 names.append(model.base.names[int(k)])
+                own_kinds.append(kinds[own])
                 sizes.append(1.0 if kinds[own] == "FC" else _middle(rows.velocity[row]))
         C = np.array(combinations)
         se = np.sqrt(np.diag(estimate.spread(C).covariance))
         t = C @ estimate.beta / np.maximum(se, np.finfo(float).tiny)
         significant = [k for k in range(len(t)) if se[k] > 0 and abs(t[k]) > IMPOSSIBLE]
-        yield _Positive(m, motor.label, tuple(names), C, np.array(sizes), t, significant)
+        dry = tuple(k for k, kind in enumerate(own_kinds) if kind == "FC")
+        yield _Positive(m, motor.label, tuple(names), C, np.array(sizes), se, t, significant, dry)
 
 
 def _middle(signal: Array) -> float:
