@@ -32,8 +32,9 @@ def test_it_is_read_as_scipy_reads_it(tmp_path: Path, kind: str) -> None:
     np.testing.assert_array_equal(found["rec[1]"], wanted[0])
 
 
-def test_a_matrix_of_the_other_byte_order(tmp_path: Path) -> None:
-    head = struct.pack(">5i", 1000, 4, T.size, 0, 5) + b"data\0"
+@pytest.mark.parametrize("name", [b"data\0", b"data"])
+def test_a_matrix_of_the_other_byte_order_and_a_name_without_its_zero(tmp_path: Path, name: bytes) -> None:
+    head = struct.pack(">5i", 1000, 4, T.size, 0, len(name)) + name
     (tmp_path / "log.mat").write_bytes(head + DATA.astype(">f8").tobytes(order="F"))
     channels = Channels(Signal("data[2]", "rad"), Signal("data[4]", "N m"), time="data[1]")
     log = read_log(tmp_path / "log.mat", channels)

@@ -1,7 +1,7 @@
 """Header of a matrix in a MAT file of level 4, which has no mark of its own at its beginning.
 
 Source: MathWorks, MAT-File Format, Level 4: five 32-bit integers (type MOPT, rows, columns, imaginary flag, length of
-the name), the name with a zero, and the numbers by columns.
+the name), the name with a zero, and the numbers by columns. Recorders of real-time targets leave that zero out.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def is_mat4(head: bytes) -> bool:
     if found is None:
         return False
     name = head[HEADER_BYTES : HEADER_BYTES + found.name_bytes]
-    return len(name) == found.name_bytes and name[-1:] == b"\0" and name[:-1].decode("latin-1").isidentifier()
+    return len(name) == found.name_bytes and name.removesuffix(b"\0").decode("latin-1").isidentifier()
 
 
 def mat4_header(head: bytes) -> Mat4Header | None:
@@ -45,7 +45,7 @@ def mat4_header(head: bytes) -> Mat4Header | None:
     for machine, order in enumerate("<>"):
         mopt, rows, count, imaginary, length = struct.unpack(f"{order}5i", head[:HEADER_BYTES])
         kind, what = divmod(mopt - 1000 * machine, 10)
-        sizes = min(rows, count) >= 0 and imaginary in (0, 1) and 1 < length <= _LONGEST_NAME
+        sizes = min(rows, count) >= 0 and imaginary in (0, 1) and 0 < length <= _LONGEST_NAME
         if sizes and 0 <= kind < len(_TYPES) and what in _CLASSES:
             dtype = np.dtype(order + _TYPES[kind])
             total = rows * count * dtype.itemsize * (1 + imaginary)
