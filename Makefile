@@ -3,6 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# With the extras of each target. uv needs a tenth of pip's time; pip does it where uv cannot (no wheel for the platform,
+# an index that only pip is told of).
+INSTALL = $(PIP) install -c constraints.txt uv && \
+	$(BIN)/uv pip install --quiet --python $(VENV) -c constraints.txt -e ".[$(EXTRAS)]" || \
+	$(PIP) install -c constraints.txt -e ".[$(EXTRAS)]"
 RUST := $(shell find crates -name "*.rs" -o -name Cargo.toml) Cargo.toml Cargo.lock
 # One BLAS thread: the matrices are small, and the core has threads of its own.
 export OMP_NUM_THREADS ?= 1
@@ -110,13 +115,15 @@ $(VENV)/.made:
 	$(PYTHON) -m venv $(VENV)
 	touch $@
 
-# The extension is built by maturin through pip, in release mode, with the locked crates.
+# The extension is built by maturin, in release mode, with the locked crates.
+$(VENV)/.run: EXTRAS := all
 $(VENV)/.run: $(VENV)/.made pyproject.toml constraints.txt $(RUST)
-	$(PIP) install -c constraints.txt -e ".[all]"
+	$(INSTALL)
 	touch $@
 
+$(VENV)/.test: EXTRAS := test,oracle,lint,docs
 $(VENV)/.test: $(VENV)/.run
-	$(PIP) install -c constraints.txt -e ".[test,oracle,lint,docs]"
+	$(INSTALL)
 	touch $@
 
 # Programs that haptid is measured against, in an environment of their own; CasADi's C code needs gcc beside it, and
