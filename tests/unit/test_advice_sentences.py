@@ -90,6 +90,30 @@ def test_a_torque_of_noise_that_is_small_is_named_and_not_given_a_gain(tmp_path:
     assert not any("gain" in sentence.split(":")[0] for sentence in said if sentence[0].isdigit())
 
 
+@pytest.mark.parametrize(("size", "rows"), [(1e-3, "Its error is of noise."), (0.3, "Its rows are not used")])
+def test_a_torque_of_noise_in_a_validation_log_alone_is_named(tmp_path: Path, size: float, rows: str) -> None:
+    """Nothing named it: a large one had no rows, and a small one made the motion of the fit suspected of its error."""
+    path = small_study.write_study(tmp_path)
+    made = small_study.columns(2, 20.0)
+    noise = np.random.default_rng(2).standard_normal(len(made["t"]))
+    made["tau2"] = size * float(np.std(made["tau2"])) * noise
+    pyarrow.csv.write_csv(pa.table(made), tmp_path / "check.csv")
+    made = advise(identify(read_study(path)))
+    assert not made.actions
+    (said,) = (one for one in made.sentences if "check.csv" in one)
+    assert said.startswith("check.csv: torque of motor 2 shows no part that follows the motion")
+    assert rows in said
+
+
+def test_a_validation_log_of_noise_alone_is_named_once(tmp_path: Path) -> None:
+    path = small_study.write_study(tmp_path)
+    made, rng = small_study.columns(2, 20.0), np.random.default_rng(2)
+    made |= {name: rng.standard_normal(len(made["t"])) for name in ("tau1", "tau2")}
+    pyarrow.csv.write_csv(pa.table(made), tmp_path / "check.csv")
+    (said,) = (one for one in advise(identify(read_study(path))).sentences if "check.csv" in one)
+    assert said.startswith("check.csv: no torque follows the motion")
+
+
 STAGE = """
 schema = 1
 name = "turntable and wrist"

@@ -23,6 +23,7 @@ from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.cli.advise import written_sentences
 from haptid.errors import LogTimeError
 from haptid.inference.diagnosis.finding import Finding
+from haptid.uncertainty.distributions import signed_rank_tail
 from motions import motion, truth
 
 
@@ -101,6 +102,36 @@ def test_errors_are_those_of_fits_on_the_other_half():
         beta = np.linalg.lstsq(rows.W[:, fit, :3].reshape(-1, 3), rows.y[:, fit].ravel())[0]
         e = rows.y[:, unseen] - rows.W[:, unseen, :3] @ beta
         np.testing.assert_allclose(trial.errors[1 - half :: 2].sum(axis=0), (e**2).sum(axis=1), rtol=1e-6)
+
+
+def test_a_change_that_takes_all_error_away_is_proven_however_the_blocks_differ():
+    """A channel a thousand times too large was not named: its blocks' errors spread by half of their sum."""
+    rng = np.random.default_rng(1)
+    errors = np.exp(2.5 * rng.normal(size=(24, 1)))
+    fitted = SimpleNamespace(columns=np.arange(3), factors=np.ones(1))
+    before, after = Trial(Setting(), errors, fitted), Trial(Setting(), 0.01 * errors, fitted)
+    made = gain(before, after)
+    assert made.share == pytest.approx(0.99)
+    assert made.share < 3.5 * made.se  # the test of the mean has p above 0.0005
+    assert made.p == pytest.approx(2 * 0.5**24)
+
+
+def test_signed_ranks_are_those_of_scipy():
+    rng = np.random.default_rng(2)
+    for n in (1, 2, 9, 24, 40):
+        differences = rng.normal(0.4, 1.0, n)
+        expected = stats.wilcoxon(differences, alternative="greater", method="exact").pvalue
+        assert signed_rank_tail(differences) == pytest.approx(expected, rel=1e-9)
+    assert signed_rank_tail(np.zeros(5)) == 1.0
+
+
+def test_gains_that_are_not_there_have_their_level():
+    rng, rare = np.random.default_rng(3), 0
+    fitted = SimpleNamespace(columns=np.arange(3), factors=np.ones(1))
+    for _ in range(2000):
+        before, after = (Trial(Setting(), rng.chisquare(4, size=(24, 2)), fitted) for _ in range(2))
+        rare += gain(before, after).p < 0.01
+    assert stats.binom.sf(rare - 1, 2000, 0.01) > 1e-3
 
 
 def test_tests_of_columns_that_are_not_there_have_their_level():

@@ -130,7 +130,7 @@ def test_torques_that_are_all_reversed_are_known_where_a_motor_alone_tells_nothi
     right = identify(read_study(study))
     study.write_text(study.read_text().replace('side = "motor" }', 'side = "motor", gain = -1.0 }'))
     wrong = identify(read_study(study))
-    monkeypatch.setattr(sys.modules["haptid.advice.advise"], "impossible", lambda *_: iter(()))
+    monkeypatch.setattr(sys.modules["haptid.advice.sought"], "impossible", lambda *_: iter(()))
     (first, *_) = advise(wrong).actions
     assert (first.kind, first.places, first.proof) == ("torque sign", ("motor 1", "motor 2"), "consistent fit")
     assert first.after == pytest.approx(right.use.candidates[0].error if right.use.candidates else first.after, rel=0.1)

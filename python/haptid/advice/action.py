@@ -6,6 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
+from haptid.advice.coarse import COARSER, RISES
+from haptid.advice.coarse import KIND as COARSE
 from haptid.advice.edits import Edit
 from haptid.advice.more_motion import MoreMotion
 from haptid.inference.diagnosis.finding import joined_names
@@ -154,6 +158,10 @@ class Action:
         if self.kind in MASKS:
             rows = f"{per_cent(self.before, 3)} of all rows, {per_cent(self.after, 3)} of the others without them"
             return f": {on} is {rows}."
+        if self.kind == COARSE:
+            coarser = float(np.sqrt(self.after**2 + (RISES + 1) * (self.before**2 - self.after**2)))
+            steps = f"with steps {COARSER} times as coarse {on} rises from {self.before:.3g} to {coarser:.3g} %"
+            return f": {steps}; with none it would be {self.after:.3g} % or less (paired standard error {self.se:.2g})."
         if self.proof == "unseen error":
             before, after = told_apart(self.before, self.after)
             return f": {on} falls from {before} to {after} % (paired standard error {self.se:.2g})."

@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
-from haptid.advice.bodies import impossible, right_signs
+from haptid.advice.bodies import right_signs
 from haptid.advice.clash import clash, whole_reversed
-from haptid.advice.common_delay import KIND as COMMON_DELAY
-from haptid.advice.common_delay import with_common_delay
 from haptid.advice.conventions import OtherCounts, other_counts
-from haptid.advice.edits import Edit, edits_of, of_validation_logs
+from haptid.advice.delays import COMMON, ONE
+from haptid.advice.edits import Edit, edits_in_validation_logs, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
 from haptid.advice.orders import OtherOrder, other_order
-from haptid.advice.ranking import helped, in_order, stated
-from haptid.advice.reversed_motors import reversed_motors, sign_actions, without_complements
+from haptid.advice.ranking import OF_TORQUE_CHANNELS, helped, stated
+from haptid.advice.reversed_motors import sign_actions
 from haptid.advice.search import (
-    LARGE_GAIN,
     Proven,
     Trials,
     TriedChange,
     large_enough,
-    positions,
-    proven,
-    search_of,
     unseen_percent,
-    with_masks,
 )
 from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
-from haptid.advice.spoiled import spoiled_parts
+from haptid.advice.sought import LARGE, ROUGH, behind, sought
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
+from haptid.advice.validation_logs import of_validation_logs
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.estimation import Estimate
@@ -46,19 +38,15 @@ from haptid.inference.diagnosis.plausibility import GOOD, confusions
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
-from haptid.uncertainty.figures import per_cent
 
-# Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-# The lower one where parameters are found that no bodies have, of which signs are tried in any case, and for sides.
-_ROUGH, _LARGE = 20.0, 10.0
-# The same for zeros and directions of the joints, of which dozens are tried on a part of the log.
+# Unseen error, per cent, from which zeros and directions of the joints are tried, of which there are dozens.
 _COUNTS = 5.0
+# Share of the error that a combination leaves where it may be why bodies cannot exist.
+_MENDED = 0.5
+# Changes that say what a channel is, of which one is made at a time.
+_CHANNELS = (*OF_TORQUE_CHANNELS, "position sign", "position swap", "position unit")
 # Most actions of a combination.
 _MOST = 4
-# Ratio of the error of another log to that of unseen blocks of the fit from which the other log is named.
-_FAR = 2.0
-# A factor that is -1 within this is a sign.
-_SIGN = 0.3
 
 
 @on_one_blas_thread
@@ -85,38 +73,25 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((side,), side.before, side.after, (), 1)
     try:
         other = _filter(found, part)
-        whole = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
-        whole = replace(whole, spoiled=tuple(spoiled_parts(part)))
+        tried = other.motions if other else motions
+        first = sought(found.model, part, tried, part.beta, found.proposal.delays is None, changed=other is not None)
+        now = behind(first, part, tried)
     except HaptidError as error:
         return Advice((), 0.0, 0.0, (f"No action could be tried: {error}",), 0)
-    search, masks = with_masks(whole)
-    base = search.base()
-    before = unseen_percent(search.model, search.bench, base)
-    negative = list(impossible(part, search.rows))
-    if negative or before > _ROUGH:
-        tried = positions(search, signs_only=before <= _LARGE)
-        search = replace(search, candidates=(*search.candidates, *tried))
-    if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows
-        search = replace(search, candidates=tuple(one for one in search.candidates if one.kind != "time shift"))
-    else:
-        search = with_common_delay(search)
-    made = in_order([(_named(one), stated(search, base, one.trial)) for one in proven(search, base)])
-    signs = reversed_motors(search, base, negative)
-    made = without_complements(search, signs, made)
-    if other or masks:  # small gains may be those of the treatment, which was chosen with them
-        made = [one for one in made if one.gain.share > LARGE_GAIN]
-    chosen, after = _combined(search, base, made)
+    search, base, made, masks, before = now.search, now.base, now.made, now.masks, first.before
+    chosen, best = _combined(search, base, made)
+    after = now.error(best)
     kinds = {(one.candidate.kind, place) for one in made for place in one.candidate.places}
-    reversals = list(sign_actions(search, base, signs, kinds))
+    reversals = list(sign_actions(search, base, now.signs, kinds))
     telling = [action for action in reversals if action.proof == "unseen error"]
     left = min([after, *(action.after for action in telling)]) / max(before, 1e-300)
     whole_changes = [one for one in (_mounting(found, part, left), _order(found, part, left)) if one is not None]
     left = min([left, *(one.after / one.before for one in whole_changes)])
     whole_changes += [one for one in (_counts(found, part, left),) if one is not None]
     if whole_changes:  # nothing else can be judged with the one that leaves least
-        best = min(whole_changes, key=lambda one: one.after)
-        check = tuple(_other_robot(best.after, (0.0, 0.0)))
-        return Advice((best,), best.before, best.after, check, len(search.candidates) + len(whole_changes))
+        least = min(whole_changes, key=lambda one: one.after)
+        check = tuple(_other_robot(least.after, (0.0, 0.0)))
+        return Advice((least,), least.before, least.after, check, len(search.candidates) + len(whole_changes))
     if telling:  # everything else was judged on torques of the wrong sign
         after = min(action.after for action in telling)
         return Advice(tuple(telling), before, after, tuple(_other_robot(after, (0.0, 0.0))), len(search.candidates))
@@ -129,27 +104,32 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     others = [
         _mask_action(
             mask,
-            (*edits_of(whole, mask, treatment), *of_validation_logs(found, mask.candidate)),
+            (*edits_of(now.whole, mask, treatment), *edits_in_validation_logs(found, mask.candidate)),
             search.bench.blocks,
         )
         for mask in masks
     ]
     others += [*([_filter_action(other, search.bench.blocks)] if other else []), *_use(found)]
+    if now is not first and (late := first.late):
+        others.append(_action(first.search, first.base, late, True, edits_of(first.search, late, treatment), ()))
     for one in others:  # the rest keep their order
         listed.insert(sum(not action.motor and action.falls > one.falls for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    whole_sign = whole_reversed(found, part)
+    # Channels that are proven to be wrong may be why bodies cannot exist: signs are then judged without them.
+    of_channels = any(one.candidate.kind in _CHANNELS for one in chosen)
+    mended = of_channels and left < _MENDED and not now.impossible(best)
+    whole_sign = None if mended else whole_reversed(found, part)
     if whole_sign is not None and whole_sign.kind == "mounting":  # nothing else can be judged with it
         return Advice((whole_sign,), whole_sign.before, whole_sign.after, (), len(search.candidates) + 1)
-    first = [whole_sign] if whole_sign else reversals
-    known |= {(action.kind, place) for action in first for place in action.places}
-    first += _units(search, base, diagnosis, known)
+    signs = [whole_sign] if whole_sign else [] if mended else reversals
+    known |= {(action.kind, place) for action in signs for place in action.places}
+    signs += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
-    every = [*first, *listed]
+    every = [*signs, *listed]
     unknown = undetermined(search, base, {action.kind for action in every}, not every)
     sentences = [
-        *_other_robot(after, (0.0, 0.0) if first else clash(found.use)),
-        *(() if masks else _other_motion(found, before)),  # what spoils rows may do so in the other logs too
+        *_other_robot(after, (0.0, 0.0) if signs or mended else clash(found.use)),
+        *of_validation_logs(found, None if masks else before),  # what spoils rows may do so in the other logs too
         *unknown,
     ]
     # Columns and noise of a model that is known to be wrong predict nothing.
@@ -168,29 +148,12 @@ def _other_robot(after: float, errors: tuple[float, float]) -> Iterator[str]:
         "Check first that the device file is of this robot: its axes and lengths, and the order, directions and zeros "
         "of its joints as the channels have them. Terms may only make up for a wrong description."
     )
-    if after > _ROUGH:
+    if after > ROUGH:
         yield f"What is proven leaves an error of {after:.3g} % on unseen blocks. {check}"
-    elif errors[0] > _LARGE:
+    elif errors[0] > LARGE:
         yield (
             f"Bodies that can exist leave an error of {errors[0]:.3g} %, where a fit of any numbers leaves "
             f"{errors[1]:.3g} %. {check}"
-        )
-
-
-def _other_motion(found: Identification, before: float) -> Iterator[str]:
-    """Sentences on validation logs whose error is far above that of the unseen blocks of the fit."""
-    errors = [
-        (validation.comparable.relative, run.entry.path)
-        for run in found.runs
-        if run.entry.role == "validate"
-        for validation in run.unseen
-    ]
-    worst, path = max(errors, default=(0.0, ""))
-    if worst > max(_FAR * before, _LARGE):
-        yield (
-            f"The error on {path} is {per_cent(worst, 3)}, on unseen blocks of the fit {per_cent(before, 3)}: the "
-            "motion of the fit does not determine the model for other motion, or something differs in that "
-            "log. Identify from several of the logs, and validate with another one, to tell."
         )
 
 
@@ -210,14 +173,14 @@ def _too_slow(found: Identification) -> str:
 def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
     """Another cut-off, tried where the study gives one, or where the error is large."""
     given = found.study.treatment.get("cutoff_hz") is not None
-    if not given and max((v.relative for v in found.unseen), default=0.0) < _LARGE:
+    if not given and max((v.relative for v in found.unseen), default=0.0) < LARGE:
         return None  # the proposal has compared them
     return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
 
 
 def _side(found: Identification, part: Estimate) -> Action | None:
     """Channels of the other side, tried where the error is large."""
-    if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < LARGE:
         return None
     one = other_side(found.model, part.observation.motions, part.beta, part.zero)
     return None if one is None else _of_whole_log("side", ("the log",), f"take {one.words}", one)
@@ -267,7 +230,7 @@ def _counts(found: Identification, part: Estimate, left: float) -> Action | None
 
 def _rough(found: Identification) -> bool:
     """Whether the unseen error is so large that an assumption about the whole log may be wrong."""
-    return max((v.comparable.relative for v in found.unseen), default=0.0) >= _ROUGH
+    return max((v.comparable.relative for v in found.unseen), default=0.0) >= ROUGH
 
 
 def _of_whole_log(
@@ -284,23 +247,8 @@ def _of_whole_log(
     )  # fmt: skip
 
 
-def _named(one: Proven) -> Proven:
-    """With the kind that a gain really is, and the sizes of what was found."""
-    candidate, fitted = one.candidate, one.trial.whole
-    at = {int(c): k for k, c in enumerate(fitted.columns)}
-    values, settings = [], []
-    for term, choice, source in zip(one.trial.setting.terms, fitted.chosen, candidate.sources, strict=False):
-        values.append(np.array([fitted.theta[at[c]] for c in term[choice]]))
-        settings.append(source.settings[choice] if choice < len(source.settings) else {})
-    if candidate.kind == "gain":
-        factor = float(fitted.factors[candidate.indices[0]])
-        kind = "torque sign" if abs(factor + 1) < _SIGN else "gain"
-        candidate = replace(candidate, kind=kind)
-    return Proven(candidate, one.trial, one.gain, tuple(values), tuple(settings))
-
-
-def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list[Proven], float]:
-    """The best combination by forward selection, and its unseen error, per cent."""
+def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list[Proven], Trial]:
+    """The best combination by forward selection, and its trial."""
     on, now, chosen = Setting(), base, list[Proven]()
     left = list(made)
     while left and len(chosen) < _MOST:
@@ -315,13 +263,12 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
         on, now = on.plus(best.trial.setting), trial
         # Changes of one channel, and other rows, exclude each other.
         left = [one for one in left if one is not best and not _excludes(best.candidate, one.candidate)]
-    return chosen, unseen_percent(search.model, search.bench, now)
+    return chosen, now
 
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
-    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap", "position unit")
-    delays = ("time shift", COMMON_DELAY)
-    return any(one.kind in group and other.kind in group for group in (channels, delays))
+    delays = (ONE, COMMON)
+    return any(one.kind in group and other.kind in group for group in (_CHANNELS, delays))
 
 
 def _action(
@@ -363,7 +310,7 @@ def _size(one: Proven, unit: str) -> str:
         unit: of the joints' positions.
     """
     kind = one.candidate.kind
-    if kind == COMMON_DELAY:
+    if one.candidate.seconds:
         return f", by {1e3 * one.candidate.seconds:.3g} ms"
     if kind in ("gain", "torque sign"):
         return f", which is {float(one.trial.whole.factors[one.candidate.indices[0]]):.4g} times the model's"
@@ -381,6 +328,8 @@ def _size(one: Proven, unit: str) -> str:
             return f" (velocity {', '.join(format(s['velocity'], '.3g') for s in one.settings)} {speed})"
         case "presliding":
             return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} {unit})"
+        case "spring":
+            return f" (without torque at {', '.join(format(s['rest'], '.3g') for s in one.settings)} {unit})"
         case "ripple":
             return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} {unit})"
         case "payload":
@@ -424,9 +373,7 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
         if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
             continue
         # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
-        if unseen_percent(search.model, search.bench, base, k) > _ROUGH or not (
-            GOOD > -factor > 1 / GOOD or factor > 0
-        ):
+        if unseen_percent(search.model, search.bench, base, k) > ROUGH or not (GOOD > -factor > 1 / GOOD or factor > 0):
             continue
         if factor < 0 and k in right_signs(diagnosis.estimate, search.rows):
             continue  # as where a delay takes viscous friction times itself from the inertia

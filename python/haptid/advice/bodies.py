@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from haptid._internal.arrays import Array
 from haptid.advice.rows import TrialRows
 from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import core_mass, raw_parameters
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
 
@@ -18,6 +19,8 @@ from haptid.inference.diagnosis.added_variable import device_rows
 IMPOSSIBLE = 3.0
 # Poses at which the inertia of a motor is evaluated.
 _POSES = 16
+# Least share of what is negative in the torque of a motor that is reversed.
+SHOWS = 0.05
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,22 @@ def right_signs(estimate: Estimate, rows: TrialRows) -> frozenset[int]:
     return frozenset(one.motor for one in found if any(one.t[k] > 0 for k in one.significant))
 
 
+def inertias_below_zero(model: DynamicModel, rows: TrialRows) -> Callable[[Array], int]:
+    """How many motors have a negative inertia by base parameters, (p,), that shows in their torque.
+
+    Args:
+        model: of the columns.
+        rows: of the trials.
+    """
+    motors = list(model.measured_rows)
+    M = _masses(model, _poses(rows))[motors]
+    acceleration = _acceleration(rows)[motors]
+    torque = np.array([_middle(y[used]) for y, used in zip(rows.y, rows.used, strict=True)])
+    size = np.array(list(map(_middle, acceleration)))
+    share = M * np.divide(size, torque, out=np.zeros(len(torque)), where=torque > 0)[:, None]
+    return lambda beta: int((share @ beta < -SHOWS).sum())
+
+
 @dataclass(frozen=True, eq=False)
 class _Positive:
     """What must be positive of a motor: the inertia that it moves, and its own friction.
@@ -102,10 +121,7 @@ class _Positive:
 
 def _must_be_positive(estimate: Estimate, rows: TrialRows) -> Iterator[_Positive]:
     model, kinds = estimate.model, estimate.model.device.parameters.kinds
-    position = rows.position
-    every = np.linspace(0, position.shape[1] - 1, _POSES).astype(int)
-    M = _masses(estimate, position[:, every])
-    acceleration = np.gradient(rows.velocity, rows.t, axis=1) if len(rows.t) > 1 else np.zeros_like(rows.velocity)
+    M, acceleration = _masses(model, _poses(rows)), _acceleration(rows)
     for m, (row, motor) in enumerate(zip(device_rows(estimate), estimate.observation.motors, strict=True)):
         others = [set(o.columns.tolist()) for k, o in enumerate(estimate.observation.motors) if k != m]
         combinations, names, own_kinds = [M[row]], ["inertia"], ["inertia"]
@@ -130,9 +146,18 @@ def _middle(signal: Array) -> float:
     return float(np.median(np.abs(signal))) if signal.size else 0.0
 
 
-def _masses(estimate: Estimate, c: Array) -> Array:
+def _poses(rows: TrialRows) -> Array:
+    """Positions of some rows, (coordinates, poses)."""
+    return rows.position[:, np.linspace(0, rows.position.shape[1] - 1, _POSES).astype(int)]
+
+
+def _acceleration(rows: TrialRows) -> Array:
+    """Of the coordinates at the rows, (coordinates, rows)."""
+    return np.gradient(rows.velocity, rows.t, axis=1) if len(rows.t) > 1 else np.zeros_like(rows.velocity)
+
+
+def _masses(model: DynamicModel, c: Array) -> Array:
     """Diagonal of the mass matrix over these poses as a linear function of the base parameters, (rows, p)."""
-    model = estimate.model
     made = np.zeros((len(model.device.row_names), len(model.base)))
     for k in range(len(model.base)):
         if model.device.parameters.kinds[model.base.independent_columns[k]] in (*INERTIAL, "IA"):

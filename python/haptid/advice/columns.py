@@ -120,7 +120,13 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             settings=[{"distance": distance} for distance in distances],
         )
         if not _has(model, "spring", place):
-            yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
+            # Its rest is anywhere, unless an offset of the model takes that up.
+            free = not _has(model, "offset", place)
+            yield source(
+                "spring",
+                _scalar(place, lambda x, _, m=middle, f=free: np.stack([x - m, np.ones_like(x)][: 1 + f])),  # type: ignore[misc]
+                settings=[{"middle": middle}],
+            )
         yield source(
             "torque by position",
             _scalar(
@@ -204,10 +210,10 @@ def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: floa
         yield Source("drift", label, k, (Column(drift, own),))
 
 
-def channel_faults(
+def clipped_channels(
     model: DynamicModel, rows: Sequence[int], scales: Sequence[float], found: Sequence[ChannelFault]
 ) -> Iterator[Source]:
-    """What coarse steps, and a clipped extreme, add to the model's torque of a motor.
+    """What a clipped extreme adds to the model's torque of a motor.
 
     Args:
         rows: its rows with measured torque, in the order of the torque channels.
@@ -215,18 +221,13 @@ def channel_faults(
         found: faults of the channels.
     """
     for fault in found:
-        if fault.kind not in ("coarse torque", "clipped torque"):
+        if fault.kind != "clipped torque":
             continue
-        row, scale = rows[fault.channel], abs(scales[fault.channel])
+        row, limit = rows[fault.channel], abs(scales[fault.channel]) * fault.size
 
-        def error(context: ResidualContext, r: int = row, f: ChannelFault = fault, s: float = scale) -> Array:
+        def error(context: ResidualContext, r: int = row, most: float = limit) -> Array:
             tau = context.predicted[r]
-            made = (
-                f.size * s * np.round(tau / (f.size * s))
-                if f.kind == "coarse torque"
-                else np.clip(tau, -f.size * s, f.size * s)
-            )
-            return np.asarray((made - tau)[None])
+            return np.asarray((np.clip(tau, -most, most) - tau)[None])
 
         own = np.eye(len(model.device.active))[row]
         yield Source(
@@ -292,7 +293,7 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
             continue
         if other.mechanism is not None and len(other.terms) == len(model.terms):
             moved = other.with_terms(model.terms).with_gravity(device.gravity)
-            yield what, Source("length", what.name, 0, (_on_all_rows(slope_towards(moved, what.step)),))
+            yield what, Source("length", what.name, 0, (_on_all_rows(slope_towards(moved, what.step, model)),))
     if device.gravity.any():
         for k, (name, axis) in enumerate(horizontal_axes(model)):
             yield (
@@ -301,7 +302,7 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
                     "gravity direction",
                     "base",
                     k,
-                    (_on_all_rows(slope_towards(tilted_gravity(model, axis, SLOPE_STEP), SLOPE_STEP)),),
+                    (_on_all_rows(slope_towards(tilted_gravity(model, axis, SLOPE_STEP), SLOPE_STEP, model)),),
                 ),
             )
 

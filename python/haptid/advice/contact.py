@@ -13,14 +13,17 @@ from haptid.advice.trial import Bench, Setting
 # state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
 _CONTACT, _CONTACT_S, _MOST_MASKED, _MOST_CONTACTS, _NEAR, _APART_S, _SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
 
+# Rows whose distance from others is the usual one.
+_SOME = 500
 # Share of the usual speed below which a coordinate rests.
 _REST = 0.1
 
 
-def contact(rows: TrialRows, bench: Bench) -> np.ndarray:
-    """Rows in which the residual is far above that of other rows in the same state of motion, (rows,).
+def contact(rows: TrialRows, bench: Bench) -> tuple[np.ndarray, float]:
+    """Rows in which the residual is far above that of the others, for a few parts of the log, (rows,), and how far.
 
-    A term that the model lacks is a function of the state; a hand on the device is not.
+    The latter is the power of their residual over the median one, 0 where there are none. A term that the model lacks
+    is a function of the state; a hand on the device is not: `elsewhere`.
 
     Args:
         rows: of all logs.
@@ -44,17 +47,19 @@ def contact(rows: TrialRows, bench: Bench) -> np.ndarray:
             continue
         high = smooth > limit * median
         if not high.any():
-            return none
+            return none, 0.0
         from scipy import ndimage  # slow to import, and few logs have such rows
 
         # Rows that are not used, at reversals, do not end an episode.
         flagged = ndimage.binary_closing(high, iterations=width)
         flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
         if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
-            return none
+            return none, 0.0
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
     flagged = flagged & use
-    return flagged if runs <= _MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
+    if runs > _MOST_CONTACTS:
+        return none, 0.0
+    return flagged, float(np.median(smooth[flagged])) / max(median, np.finfo(float).tiny)
 
 
 def at_rest(rows: TrialRows) -> np.ndarray:
@@ -68,14 +73,16 @@ def _quantile(power: Array) -> float:
     return float(np.quantile(power, 1 - 0.5 * _MOST_MASKED))
 
 
-def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
-    """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
+def elsewhere(rows: TrialRows, flagged: np.ndarray) -> bool:
+    """Whether the states of flagged rows are as near to those of other passages' unflagged rows as any states are."""
     from scipy.spatial import cKDTree  # slow to import, and few logs have such rows
 
+    use = rows.used.any(axis=0)
     state = np.vstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
     stride = max(1, round(_SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
-    clean = np.flatnonzero(use & ~flagged)[::stride]
+    every = np.flatnonzero(use & ~flagged)
+    clean = every[::stride]
     tree = cKDTree(state[:, clean].T)
 
     def distance(which: np.ndarray) -> float:
@@ -83,4 +90,6 @@ def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
         other = np.where(np.abs(rows.t[clean[at]] - rows.t[which][:, None]) > _APART_S, near, np.inf)
         return float(np.median(other.min(axis=1)))
 
-    return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(clean[:: max(1, len(clean) // 500)])
+    # Of all rows: where the motion repeats itself, those of the tree may meet each other exactly.
+    some = np.unique(np.linspace(0, len(every) - 1, _SOME).astype(int))
+    return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(every[some])

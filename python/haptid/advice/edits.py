@@ -100,13 +100,18 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
         case "position sign":
             for key in ("gain", "offset"):
                 yield Edit("study", "multiply", ("channels", "position", key), -1.0, one.indices[0])
-        case "time shift":
+        case "time shift" if not one.seconds:
             now = np.broadcast_to(treatment.torque_delay_s, len(search.model.measured_rows)).astype(float)
             for k, value in zip(one.indices, values, strict=True):
                 now[k] += float(value[0])
             yield Edit("study", "set", ("treatment", "torque_delay_s"), [float(f"{d:.5g}") for d in now])
-        case "common delay":
-            now = np.atleast_1d(treatment.torque_delay_s) + one.seconds
+        case "common delay" | "time shift":
+            now = np.array(np.atleast_1d(treatment.torque_delay_s), dtype=float)
+            if one.kind == "time shift":
+                now = np.broadcast_to(now, len(search.model.measured_rows)).copy()
+                now[list(one.indices)] += one.seconds
+            else:
+                now += one.seconds
             delays = [float(f"{d:.5g}") for d in now]
             yield Edit("study", "set", ("treatment", "torque_delay_s"), delays if len(delays) > 1 else delays[0])
         case "zero offset":
@@ -150,7 +155,7 @@ def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
     return made
 
 
-def of_validation_logs(found: Identification, one: TriedChange) -> Iterator[Edit]:
+def edits_in_validation_logs(found: Identification, one: TriedChange) -> Iterator[Edit]:
     """Edits that leave out of validation logs what the same fault of a channel spoils there, which is no error of a
     model; none of what only a model shows, as a contact."""
     for number, run in enumerate(found.runs):

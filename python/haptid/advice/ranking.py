@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from haptid._internal.arrays import Array
 from haptid.advice.search import LEAST_SE, Proven, Trials, TriedChange, paired, unseen_percent
-from haptid.advice.trial import Trial, gain
+from haptid.advice.trial import Bench, Trial, gain
 
 # Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
 # the best one leaves.
 NEARLY, _LEAVES = 0.97, 1.25
+# Changes of torque channels.
+OF_TORQUE_CHANNELS = ("gain", "torque sign", "torque swap")
 # The friction that others refine.
 _PLAIN = {"load friction": "coulomb", "stribeck": "coulomb", "presliding": "coulomb", "bent viscosity": "viscous"}
 
@@ -71,6 +74,28 @@ def in_order(found: Sequence[tuple[Proven, Stated]]) -> list[Proven]:
         made.append(next(plain, best))
         left = [each for each in left if each[0] is not made[-1]]
     return made
+
+
+def of_possible_bodies(found: Sequence[Proven], bench: Bench, below: Callable[[Array], int]) -> list[Proven]:
+    """Without changes of torque channels that leave more motors of negative inertia than another of the same gain.
+
+    Two motors that are coupled have their signs told apart up to that of both: the prediction is the same.
+
+    Args:
+        found: changes, in order.
+        bench: of their trials.
+        below: how many motors have a negative inertia by base parameters.
+    """
+    channels = [one for one in found if one.candidate.kind in OF_TORQUE_CHANNELS]
+    counts = {id(one): below(bench.base_parameters(one.trial)) for one in channels}
+
+    def worse(one: Proven) -> bool:
+        return any(
+            counts[id(other)] < counts[id(one)] and abs((loss := gain(other.trial, one.trial)).share) <= loss.se
+            for other in channels
+        )
+
+    return [one for one in found if id(one) not in counts or not worse(one)]
 
 
 def _refines(one: TriedChange, plain: TriedChange) -> bool:

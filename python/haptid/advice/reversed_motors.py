@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from haptid.advice.action import Action
-from haptid.advice.bodies import Impossible
+from haptid.advice.bodies import SHOWS, Impossible
 from haptid.advice.edits import Edit
 from haptid.advice.search import LARGE_GAIN, LEAST_SE, Proven, Trials, large_enough, paired, unseen_percent
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.inference.diagnosis.finding import joined_names
 
-# Least share of what is negative in the torque of a motor that is reversed.
-_SHOWS = 0.05
 # Share of the squared error that rounding changes.
 _SAME_ERROR = 1e-6
 # Trials on rows of which some motors' torques are reversed.
@@ -35,12 +31,11 @@ def _reversible(search: Trials, base: Trial, group: Sequence[Impossible]) -> boo
     A reversed motor has all of its torque reversed: where only a trace of it is negative, as in slow motion or where a
     hand moves the device, that says nothing of the channel.
     """
-    if max(one.share for one in group) < _SHOWS:
+    if max(one.share for one in group) < SHOWS:
         return False
     trial = _with_reversed(search, group).run(_REVERSED)
     made = gain(base, trial)
-    beta = np.zeros(group[0].combinations.shape[1])
-    beta[search.bench.kept] = trial.whole.theta[: len(search.bench.kept)]
+    beta = search.bench.base_parameters(trial)
     positive = all(bool((one.combinations @ beta > one.least).all()) for one in group)
     return made.share > -min(max(LEAST_SE * made.se, _SAME_ERROR), LARGE_GAIN) and positive
 

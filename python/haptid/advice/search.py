@@ -13,13 +13,12 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
-from haptid.advice.contact import at_rest, contact
+from haptid.advice.contact import at_rest, contact, elsewhere
 from haptid.advice.recorder import ChannelFault, faults, simulated_rows
-from haptid.advice.rows import BaseRows, TrialRows, trial_rows
+from haptid.advice.rows import BaseRows, TrialRows
 from haptid.advice.spoiled import SpoiledPart
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HaptidError
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import (
     FrictionCoordinate,
@@ -28,7 +27,7 @@ from haptid.inference.diagnosis.lack_of_fit import (
     friction_coordinates,
 )
 from haptid.motion.channels import torque_map
-from haptid.motion.motion import Motion, with_delay
+from haptid.motion.motion import Motion
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 from haptid.validation.validation import of_all_motors
 
@@ -40,14 +39,15 @@ LARGE_GAIN, LARGE_SE = 0.25, 2.0
 _OTHER_LOG = 4.0
 # Largest sizes that are believed: s, rad, m.
 LARGEST_CHANGE = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
-# The unit that an angle may be in instead, and the factor.
-_OTHER_UNIT = {"deg": ("rad", 180 / np.pi), "rad": ("deg", np.pi / 180)}
 # Terms that joints of coupled motors may have besides the motors.
 _OF_A_JOINT = ("coulomb", "viscous", "spring")
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
 DEAD_ERROR = 0.15
+# Where no other passage has the states of a contact: power of its residual over the usual one, at least, and share of
+# the squared error that a term explains where it is none.
+_CLEAR, _EXPLAINS = 300.0, 0.5
 # Share of the rows of a contact at rest from which on it is none.
 _MOSTLY = 0.5
 # Factors between torque and model that cannot be distinguished from 1, on either side.
@@ -123,8 +123,24 @@ class Trials:
     @cached_property
     def contact(self) -> np.ndarray:
         """Rows in which something touches the device, (rows,); none of those that are spoiled anyway."""
-        used = self.rows.used & ~np.any([_touched(self, p.log, p.samples) for p in self.spoiled], axis=0)
-        return contact(replace(self.rows, used=used), self.bench.without_candidates())
+        stuck = [(log, fault.samples) for log, fault in self.faults if fault.kind == "stuck position"]
+        spoiled = [*stuck, *((part.log, part.samples) for part in self.spoiled)]
+        used = self.rows.used & ~np.any([_touched(self, *one) for one in spoiled], axis=0)
+        rows = replace(self.rows, used=used)
+        flagged, power = contact(rows, self.bench.without_candidates())
+        if not flagged.any() or elsewhere(rows, flagged) or (power > _CLEAR and not self._explained):
+            return flagged
+        return np.zeros_like(flagged)
+
+    @property
+    def _explained(self) -> bool:
+        """Whether a term explains most of the error, on whatever motors it is added."""
+        base, shares = self.base(), dict[str, float]()
+        for one in self.candidates:
+            if one.setting.terms:
+                share = gain(base, self.base(one.setting)).share
+                shares[one.kind] = shares.get(one.kind, 0.0) + share
+        return max(shares.values(), default=0.0) > _EXPLAINS
 
     def base(self, setting: Setting | None = None) -> Trial:
         return self.bench.run(setting or Setting())
@@ -148,10 +164,10 @@ def search_of(
     base = BaseRows.of(model, motions)
     plain = base.with_columns(beta)
     sources = list(_sources(model, places, rows, plain, beta)) if columns else []
-    scales = _scales(model, motions)
-    if scales is not None and columns:
+    change = scales(model, motions)
+    if change is not None and columns:
         of_channels = {(one.kind, one.channel): one for _, one in found}
-        sources += candidate_columns.channel_faults(model, rows, scales.tolist(), list(of_channels.values()))
+        sources += candidate_columns.clipped_channels(model, rows, change.tolist(), list(of_channels.values()))
     lengths = list(candidate_columns.geometry(model)) if columns else []
     added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
     whole = base.with_columns(beta, added)
@@ -220,7 +236,7 @@ def finer(motion: Motion) -> Motion:
     return replace(motion, treatment=replace(treatment, block_s=min(treatment.block_s, seconds / _MANY)))
 
 
-def _scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
+def scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
     """Torque of each motor's row per unit of its channel, (motors,); None where rows mix channels."""
     if motions[0].log is None:
         return np.ones(len(model.measured_rows))
@@ -233,8 +249,8 @@ def _scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
 
 def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
     """Torque of each motor per torque of another motor if its channel were this one's; zero where rows mix channels."""
-    scales = _scales(model, motions)
-    return np.eye(len(model.measured_rows)) if scales is None else scales[:, None] / scales
+    change = scales(model, motions)
+    return np.eye(len(model.measured_rows)) if change is None else change[:, None] / change
 
 
 def unseen_percent(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> float:
@@ -373,53 +389,6 @@ def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
     return np.asarray((search.rows.log == log) & (count[high] > count[low]))
 
 
-def positions(search: Trials, signs_only: bool = False) -> Iterator[TriedChange]:
-    """Signs, assignments and unit of the position channels; each is a pass over the log, stored with the trials."""
-    model, motions = search.model, search.motions
-    names = [model.device.joints[k].name for k in model.device.active]
-    units = [model.device.joints[k].prismatic for k in model.device.active]
-    changes: list[tuple[str, tuple[int, ...]]] = [("position sign", (k,)) for k in range(len(names))]
-    pairs = () if signs_only else combinations(range(len(names)), 2)
-    changes += [("position swap", pair) for pair in pairs if units[pair[0]] == units[pair[1]]]
-    own = set() if signs_only or motions[0].log is None else set(motions[0].log.channels.position.each_unit)
-    unit = own.pop() if len(own) == 1 else ""
-    if unit in _OTHER_UNIT and not all(units):
-        changes.append(("position unit", ()))
-    # The delay of a wrong model is none: that of a command that is held.
-    plain = [m if m.log is None else with_delay(m, 0.5 * m.dt) for m in motions]
-    grams = dict(search.bench.grams)
-    for kind, which in changes:
-        try:
-            moved = [_repositioned(m, which) if which else _in_other_unit(m, unit, units) for m in plain]
-            there = trial_rows(model, moved, search.beta, (), motions)
-        except HaptidError:
-            continue
-        if there.blocks == search.rows.blocks:
-            key = f"{kind} {which}"
-            grams[key] = there.grams()
-            places = tuple(f"joint {names[k]}" for k in which) or (f"{_OTHER_UNIT[unit][0]} and not in {unit}",)
-            yield TriedChange(kind, places, Setting(rows=key), indices=which)
-    object.__setattr__(search.bench, "grams", grams)
-
-
-def _repositioned(motion: Motion, which: tuple[int, ...]) -> Motion:
-    """The motion with the sign of one position channel changed, or with two of them exchanged."""
-    q = np.array(motion.q)
-    if len(which) == 1:
-        q[:, which[0]] *= -1
-    else:
-        q[:, list(which)] = q[:, list(which[::-1])]
-    return replace(motion, q=q)
-
-
-def _in_other_unit(motion: Motion, unit: str, prismatic: Sequence[bool]) -> Motion:
-    """The motion with its angles read in the other unit, and as many times the speed that counts as slow."""
-    factor = np.where(prismatic, 1.0, _OTHER_UNIT[unit][1])
-    slow = np.asarray(motion.treatment.reversal_speed) * _OTHER_UNIT[unit][1]
-    treatment = replace(motion.treatment, reversal_speed=tuple(slow.tolist()) if slow.ndim else float(slow))
-    return replace(motion, q=np.array(motion.q) * factor, treatment=treatment)
-
-
 def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
     """All candidates whose proof holds."""
     base = before or search.base()
@@ -460,7 +429,7 @@ def large_enough(made: Gain) -> bool:
 def _matters(one: TriedChange, trial: Trial) -> bool:
     """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
     most = min(LARGEST_CHANGE.get(one.kind, np.inf), one.geometry.most if one.geometry else np.inf)
-    if np.isfinite(most) and np.abs(trial.whole.theta[-1]) > most:
+    if one.setting.terms and np.isfinite(most) and np.abs(trial.whole.theta[-1]) > most:
         return False
     return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
 
@@ -472,7 +441,8 @@ def _group(one: TriedChange) -> str:
 
 def _is_alone(one: TriedChange) -> bool:
     """Whether a candidate is an action by itself, at every place."""
-    return one.kind in ("gain", "length", "payload", "zero offset") or one.kind.endswith(("swap", "sign"))
+    alone = ("gain", "length", "payload", "zero offset")
+    return bool(one.seconds) or one.kind in alone or one.kind.endswith(("swap", "sign"))
 
 
 def _merged(members: Sequence[TriedChange]) -> TriedChange:

@@ -17,7 +17,7 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array
 from haptid.advice.grams import Grams
-from haptid.uncertainty.distributions import f_tail, t_tail
+from haptid.uncertainty.distributions import f_tail, signed_rank_tail, t_tail
 
 # Relative size of what is added to the diagonal of a scaled Gram matrix: columns more alike than this are one.
 _RIDGE = 1e-11
@@ -109,24 +109,33 @@ class Gain:
         share: of the weighted squared error that goes away.
         se: standard error of the paired block differences, of the same share.
         dof: degrees of freedom.
+        ranks: p-value of the differences' signed ranks.
     """
 
     share: float
     se: float
     dof: int
+    ranks: float = 1.0
 
     @property
     def p(self) -> float:
-        """One-sided p-value that there is no gain."""
-        return float(t_tail(self.share / self.se, self.dof)) if self.se > 0 else float(self.share <= 0)
+        """One-sided p-value that there is no gain: by the mean of the differences, or by their signed ranks.
+
+        Where a change takes all of the error away, the differences are as unlike as the blocks' errors, which says
+        nothing against it: their mean may be three standard errors, and yet all of them are positive.
+        """
+        mean = float(t_tail(self.share / self.se, self.dof)) if self.se > 0 else float(self.share <= 0)
+        return min(1.0, 2 * min(mean, self.ranks))
 
 
 def gain(before: Trial, after: Trial) -> Gain:
     """The gain of one trial over another on the same blocks."""
     difference = (before.errors - after.errors).sum(axis=1)
     total, blocks = before.total, len(difference)
+    if total <= 0:
+        return Gain(0.0, 0.0, 1)
     se = float(np.sqrt(blocks) * difference.std(ddof=1)) if blocks > 1 else np.inf
-    return Gain(float(difference.sum()) / total, se / total, max(blocks - 1, 1)) if total > 0 else Gain(0.0, 0.0, 1)
+    return Gain(float(difference.sum()) / total, se / total, max(blocks - 1, 1), signed_rank_tail(difference))
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,6 +341,12 @@ class Bench:
                 errors[unseen] = self.errors(fitted, setting, judged, unseen)
             self._trials[asked] = Trial(setting, errors, self.fit(setting, every))
         return self._trials[asked]
+
+    def base_parameters(self, made: Trial) -> Array:
+        """Those of the fit on all blocks, (base,), with zeros for those that are fixed."""
+        beta = np.zeros(self.base)
+        beta[self.kept] = made.whole.theta[: len(self.kept)]
+        return beta
 
     def standard_errors(self, made: Trial) -> Array:
         """Cluster-robust ones of the added columns' parameters."""

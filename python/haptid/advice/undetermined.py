@@ -88,7 +88,7 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
     lengths, independent, made = bench.grams["used"].lengths.sum(axis=0), _independent(bench), []
     torque = bench.squares(Setting()).sum(axis=0)
     for one in search.candidates:
-        if one.kind not in _EFFECTS or len(one.setting.terms[0][0]) != 1:
+        if one.kind not in _EFFECTS:
             continue
         trial, column = search.bench.run(one.setting), one.setting.terms[0][0][0]
         motor = int(np.argmax(lengths[:, column]))

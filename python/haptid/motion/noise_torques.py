@@ -15,10 +15,11 @@ _HARDLY = 0.02
 _ENOUGH = 1 << 17
 
 
-def rows_of_noise(device: Device, log: Log) -> np.ndarray:
+def rows_of_noise(device: Device, log: Log, least: float = _HARDLY) -> np.ndarray:
     """Whether the torque of each row of a log shows noise alone and weighs beside the others, (rows,).
 
-    None where all do, where torques of several channels act on a row, or where the torque is too small to matter.
+    None where all do, where torques of several channels act on a row, or where the torque is too small to matter: up to
+    a share of the RMS torque of its unit.
     """
     rows = np.zeros(len(device.row_names), dtype=bool)
     found = noise_alone(log)
@@ -33,7 +34,7 @@ def rows_of_noise(device: Device, log: Log) -> np.ndarray:
     units = np.array(device.torque_units)
     whole = np.sqrt([np.sum(rms[units == unit] ** 2) for unit in units])
     rows[place[found]] = True
-    rows &= rms > _HARDLY * whole
+    rows &= rms > least * whole
     return rows if not rows[place].all() else np.zeros(len(rows), dtype=bool)
 
 
@@ -48,13 +49,22 @@ def said_of_noise(device: Device, log: Log) -> tuple[str, ...]:
     return tuple(_sentence(device, log, int(k)) for k in np.flatnonzero(rows_of_noise(device, log)))
 
 
+def said_of_unseen_noise(device: Device, log: Log) -> dict[int, str]:
+    """By row, a sentence for each row of a validation log whose torque shows noise alone, however small; or all do."""
+    if noise_alone(log).all():
+        return dict.fromkeys(range(len(device.row_names)), said_of_noise(device, log)[0])
+    return {int(k): _sentence(device, log, int(k)) for k in np.flatnonzero(rows_of_noise(device, log, 0.0))}
+
+
 def _sentence(device: Device, log: Log, row: int) -> str:
     channel = int(np.flatnonzero(torque_map(device, log)[row])[0])
     names, unit = log.channels.torque.channels, log.channels.torque_units[channel]
     size = float(np.std(log.torque[:_ENOUGH][:, channel]))
+    used = not rows_of_noise(device, log)[row]
     return (
         f"{log.path.name}: torque of {device.row_labels[row]} shows no part that follows the motion, while its joint "
-        f"moves: channel {names[channel]} is noise, with a standard deviation of {size:.3g} {unit}. Its rows are not "
-        "used, and count in no error. Check that the channel is connected and is that of this motor; where the motor "
-        "was off, record again with it on."
+        f"moves: channel {names[channel]} is noise, with a standard deviation of {size:.3g} {unit}. "
+        f"{'Its error is of noise' if used else 'Its rows are not used, and count in no error'}. "
+        "Check that the channel is connected and is that of this motor; where the motor was off, record again with it "
+        "on."
     )

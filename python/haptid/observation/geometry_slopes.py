@@ -31,13 +31,22 @@ def home_offset_slope(model: DynamicModel, k: int) -> Slope:
     return values
 
 
-def slope_towards(other: DynamicModel, step: float) -> Slope:
-    """Slope by a number in which another model is larger by a step."""
+def slope_towards(other: DynamicModel, step: float, model: DynamicModel | None = None) -> Slope:
+    """Slope by a number in which another model is larger by a step.
+
+    Args:
+        other: with the larger number.
+        step: of the number.
+        model: with the number as it is; None where that of the rows has friction of the same sign at every sample.
+    """
 
     def values(context: ResidualContext) -> Array:
         c, cd, cdd = context.motion
         assert cdd is not None  # as callers require
-        return np.asarray((torque_of(other, context.chi, c, cd, cdd, context.history) - context.predicted) / step)
+        ahead = torque_of(other, context.chi, c, cd, cdd, context.history)
+        # Rows near reversals have dry friction of another sign than a model without their plan, over a tiny step.
+        now = context.predicted if model is None else torque_of(model, context.chi, c, cd, cdd, context.history)
+        return np.asarray((ahead - now) / step)
 
     return values
 

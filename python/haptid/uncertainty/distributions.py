@@ -52,6 +52,24 @@ def normal_quantile(p: ArrayLike) -> Array:
     return np.asarray(special.ndtri(p))
 
 
+def signed_rank_tail(differences: Array) -> float:
+    """Probability that differences about zero, (n,), have positive ones of such ranks: Wilcoxon's signed-rank test.
+
+    Exact; zeros are left out, and equal sizes are ranked in the order given.
+
+    Source: Wilcoxon (1945), Biometrics Bulletin 1(6).
+    """
+    signs = np.sign(differences[np.argsort(np.abs(differences), kind="stable")])
+    signs = signs[signs != 0]
+    found = int((1 + np.flatnonzero(signs > 0)).sum())
+    chances = np.zeros(1 + len(signs) * (len(signs) + 1) // 2)  # of each sum of the ranks of positive ones
+    chances[0] = 1.0
+    for rank in range(1, len(signs) + 1):
+        chances[rank:] += chances[:-rank]
+        chances *= 0.5
+    return float(min(chances[found:].sum(), 1.0))
+
+
 def dagostino_pearson(x: Array) -> tuple[float, float, float]:
     """Skewness, excess kurtosis and p-value of a normal sample, (n,); the p-value of fewer than 20 values is 1.
 
