@@ -9,7 +9,7 @@ from haptid.advice.action import CHANGES, USE, Action, Advice
 from haptid.advice.bodies import right_signs
 from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.conventions import OtherCounts, other_counts
-from haptid.advice.delays import COMMON, ONE
+from haptid.advice.delays import COMMON_DELAY, TIME_SHIFT
 from haptid.advice.edits import Edit, edits_in_validation_logs, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
@@ -24,7 +24,7 @@ from haptid.advice.search import (
     unseen_percent,
 )
 from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
-from haptid.advice.sought import LARGE, ROUGH, behind, sought
+from haptid.advice.sought import LARGE_ERROR, ROUGH_ERROR, behind, sought
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
@@ -148,9 +148,9 @@ def _other_robot(after: float, errors: tuple[float, float]) -> Iterator[str]:
         "Check first that the device file is of this robot: its axes and lengths, and the order, directions and zeros "
         "of its joints as the channels have them. Terms may only make up for a wrong description."
     )
-    if after > ROUGH:
+    if after > ROUGH_ERROR:
         yield f"What is proven leaves an error of {after:.3g} % on unseen blocks. {check}"
-    elif errors[0] > LARGE:
+    elif errors[0] > LARGE_ERROR:
         yield (
             f"Bodies that can exist leave an error of {errors[0]:.3g} %, where a fit of any numbers leaves "
             f"{errors[1]:.3g} %. {check}"
@@ -173,14 +173,14 @@ def _too_slow(found: Identification) -> str:
 def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
     """Another cut-off, tried where the study gives one, or where the error is large."""
     given = found.study.treatment.get("cutoff_hz") is not None
-    if not given and max((v.relative for v in found.unseen), default=0.0) < LARGE:
+    if not given and max((v.relative for v in found.unseen), default=0.0) < LARGE_ERROR:
         return None  # the proposal has compared them
     return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
 
 
 def _side(found: Identification, part: Estimate) -> Action | None:
     """Channels of the other side, tried where the error is large."""
-    if max((v.comparable.relative for v in found.unseen), default=0.0) < LARGE:
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < LARGE_ERROR:
         return None
     one = other_side(found.model, part.observation.motions, part.beta, part.zero)
     return None if one is None else _of_whole_log("side", ("the log",), f"take {one.words}", one)
@@ -230,7 +230,7 @@ def _counts(found: Identification, part: Estimate, left: float) -> Action | None
 
 def _rough(found: Identification) -> bool:
     """Whether the unseen error is so large that an assumption about the whole log may be wrong."""
-    return max((v.comparable.relative for v in found.unseen), default=0.0) >= ROUGH
+    return max((v.comparable.relative for v in found.unseen), default=0.0) >= ROUGH_ERROR
 
 
 def _of_whole_log(
@@ -267,7 +267,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
 
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
-    delays = (ONE, COMMON)
+    delays = (TIME_SHIFT, COMMON_DELAY)
     return any(one.kind in group and other.kind in group for group in (_CHANNELS, delays))
 
 
@@ -373,7 +373,9 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
         if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
             continue
         # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
-        if unseen_percent(search.model, search.bench, base, k) > ROUGH or not (GOOD > -factor > 1 / GOOD or factor > 0):
+        if unseen_percent(search.model, search.bench, base, k) > ROUGH_ERROR or not (
+            GOOD > -factor > 1 / GOOD or factor > 0
+        ):
             continue
         if factor < 0 and k in right_signs(diagnosis.estimate, search.rows):
             continue  # as where a delay takes viscous friction times itself from the inertia

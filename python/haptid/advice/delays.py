@@ -21,7 +21,7 @@ from haptid.motion.motion import Motion, shifted, with_delay
 from haptid.motion.streaming import CUBIC
 from haptid.observation.plan import Plan
 
-COMMON, ONE = "common delay", "time shift"
+COMMON_DELAY, TIME_SHIFT = "common delay", "time shift"
 # The least shift that is tried, samples, and the ratio of each to the one before; times that it is made finer.
 _LEAST, _RATIO, _FINER = 0.25, 1.4, 2
 
@@ -38,7 +38,7 @@ def with_delays(search: Trials) -> Trials:
     which = [tuple(range(bench.motors))] if bench.motors > 1 else []
     if scales(search.model, motions) is not None:
         base = search.base()
-        slopes = [one for one in search.candidates if one.kind == ONE]
+        slopes = [one for one in search.candidates if one.kind == TIME_SHIFT]
         which += [one.indices for one in slopes if gain(base, bench.run(one.setting)).share > LEAST_GAIN]
     if not which:
         return search
@@ -52,7 +52,7 @@ def with_delays(search: Trials) -> Trials:
     return search
 
 
-def delayed(motions: Sequence[Motion], one: TriedChange) -> tuple[Motion, ...]:
+def with_shift(motions: Sequence[Motion], one: TriedChange) -> tuple[Motion, ...]:
     """The motions of logs with the torques shifted as a candidate of `with_delays` has them."""
     made = []
     for motion in motions:
@@ -72,7 +72,7 @@ def _with_delay(search: Trials, which: tuple[int, ...], shifts: Array, tried: Se
         tried: Gram matrices of the base columns for each shift of all channels, summed over each half of the blocks.
     """
     bench, every = search.bench, np.arange(search.bench.blocks)
-    name = COMMON if len(which) > 1 else ONE
+    name = COMMON_DELAY if len(which) > 1 else TIME_SHIFT
     setting, errors = Setting(rows=f"{name} {which}"), np.empty((bench.blocks, bench.motors))
     for half in (0, 1):
         shift = _best(search, which, shifts, tried, slice(half, half + 1))
@@ -87,7 +87,7 @@ def _with_delay(search: Trials, which: tuple[int, ...], shifts: Array, tried: Se
     bench = bench.with_rows(setting.rows, _grams(search, whole, which))
     bench = replace(bench, known=bench.known | {setting: Trial(setting, errors, bench.fit(setting, every))})
     labels = [search.model.device.row_labels[row] for row in search.model.measured_rows]
-    places = ("all torque channels",) if name == COMMON else tuple(labels[k] for k in which)
+    places = ("all torque channels",) if name == COMMON_DELAY else tuple(labels[k] for k in which)
     one = TriedChange(name, places, setting, indices=which, seconds=whole)
     return replace(search, bench=bench, candidates=(*search.candidates, one))
 
@@ -100,7 +100,7 @@ def _channels(which: tuple[int, ...]) -> slice:
 def _shifts(motions: Sequence[Motion]) -> Array:
     """Shifts that are tried, s: of both signs, and none."""
     dt = min(motion.dt for motion in motions)
-    count = int(np.log(LARGEST_CHANGE[ONE] / (_LEAST * dt)) / np.log(_RATIO)) + 1
+    count = int(np.log(LARGEST_CHANGE[TIME_SHIFT] / (_LEAST * dt)) / np.log(_RATIO)) + 1
     sizes = _LEAST * dt * _RATIO ** np.arange(max(count, 2))
     return np.concatenate([-sizes[::-1], [0.0], sizes])
 
@@ -151,7 +151,9 @@ def _harms(gains: Array) -> bool:
 
 def _halves(search: Trials, shifts: Array) -> list[Grams]:
     """Gram matrices of the base columns for each shift of all channels, summed over each half of the blocks."""
-    inside = _inside(search, LARGEST_CHANGE[ONE])  # rows that one shift has and another has not are no measure of it
+    inside = _inside(
+        search, LARGEST_CHANGE[TIME_SHIFT]
+    )  # rows that one shift has and another has not are no measure of it
     rows, order = replace(search.rows, used=search.rows.used & inside).halves(search.bench.base)
     grams = rows.grams()
     return [rows.grams_with_torque(grams, _torque(search, shift)[:, order]) for shift in shifts]

@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice.bodies import Impossible, impossible, inertias_below_zero
 from haptid.advice.coarse import with_coarse_torques
-from haptid.advice.delays import delayed, with_delays
+from haptid.advice.delays import with_delays, with_shift
 from haptid.advice.positions import positions
 from haptid.advice.ranking import in_order, of_possible_bodies, stated
 from haptid.advice.reversed_motors import reversed_motors, without_complements
@@ -24,7 +24,7 @@ from haptid.motion.motion import Motion
 
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
 # The lower one where parameters are found that no bodies have, of which signs are tried in any case, and for sides.
-ROUGH, LARGE = 20.0, 10.0
+ROUGH_ERROR, LARGE_ERROR = 20.0, 10.0
 # Share of the error that a shift of torques leaves at most where all else is tried behind it.
 _BEHIND = 0.5
 # A factor that is -1 within this is a sign.
@@ -95,8 +95,8 @@ def sought(
     base = search.base()
     error = unseen_percent(model, search.bench, base)
     negative = list(impossible(part, search.rows))
-    if negative or error > ROUGH:
-        search = replace(search, candidates=(*search.candidates, *positions(search, signs_only=error <= LARGE)))
+    if negative or error > ROUGH_ERROR:
+        search = replace(search, candidates=(*search.candidates, *positions(search, signs_only=error <= LARGE_ERROR)))
     if (changed or masks) and not given:  # the delays were of another filter, or of bad rows
         search = replace(search, candidates=tuple(one for one in search.candidates if one.kind != "time shift"))
     else:
@@ -120,7 +120,7 @@ def behind(first: Sought, part: Estimate, motions: Sequence[Motion]) -> Sought:
         return first
     beta = first.search.bench.base_parameters(late.trial)
     try:
-        return sought(first.search.model, part, delayed(motions, late.candidate), beta, given=False, changed=True)
+        return sought(first.search.model, part, with_shift(motions, late.candidate), beta, given=False, changed=True)
     except HaptidError:
         return first
 
