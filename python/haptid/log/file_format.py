@@ -65,6 +65,12 @@ class Format:
         found: dict[str, str] = {} if stated is None else stated(path)
         return found
 
+    def texts(self, path: Path, wanted: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Different texts in columns that hold no numbers, some of each, of formats that have such columns."""
+        told = getattr(self._reader, "texts", None)
+        found: dict[str, tuple[str, ...]] = {} if told is None else told(path, wanted)
+        return found
+
     def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
         """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
         found: list[RawChannel] = self._reader.rows(path, wanted, start, stop)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import date
 from itertools import islice
 from pathlib import Path
@@ -18,77 +16,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
-from haptid._internal.numerals import whole_number
 from haptid.errors import LogError, LogFileError
-from haptid.log.formats import headers
 from haptid.log.formats.arrow import numbers
-from haptid.log.formats.encoding import encoding_of, opened_text, opened_utf8, text_of
-from haptid.log.formats.headers import NUMBER, fitting_header, is_number, labview_header, numbered, two_levels
+from haptid.log.formats.dialect import DATE, KIND, MISSING, Dialect, cells_of, dialect_of
+from haptid.log.formats.encoding import opened_text, opened_utf8, text_of
+from haptid.log.formats.headers import NUMBER
 from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, Without, blocks
-from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
+from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name
 from haptid.log.request import Request
-from haptid.log.units import known_unit
 
-_KIND = "CSV"
-SEPARATORS = (",", "\t", ";", " ")
-# Lines that tell the dialect.
-SNIFFED = 200
-# Samples begin below a line of names, or at this number of adjacent lines of numbers: settings have numbers too.
-_ROWS_TOGETHER = 3
-HEAD_BYTES = 2**20
 # Of a block without pyarrow.
 BLOCK_ROWS = 2**14
-COMMENT = re.compile(r"\s*[#%]")
-# ISO 8601, and a time of day alone.
-_DATE = re.compile(
-    r"(?:(?P<date>\d{4}[-/]\d\d[-/]\d\d)[T ])?(?P<hours>\d\d?):(?P<minutes>[0-5]\d):(?P<seconds>[0-5]\d)"
-    r"(?:[.,](?P<part>\d{1,9})\d*)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?",
-    re.ASCII,
-)
 _DAY = 86_400 * 10**9
-_UNIT = re.compile(r"[\[(](?P<unit>[^\[\]()\d][^\[\]()]*)[\])]\s*$")
-# Cells without a number, as pyarrow takes them.
-MISSING = frozenset({"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN"}) | {
-    *("N/A", "NA", "NULL", "NaN", "n/a", "nan", "null")
-}
-
-
-@dataclass(frozen=True)
-class _Dialect:
-    """Format of a text log.
-
-    Attributes:
-        separator: between cells.
-        decimal: point or comma.
-        names: of the columns, from the header, stripped of blanks.
-        lines: number of lines before the first row.
-        start: byte at which the rows start.
-        units: of each column, as stated in the header or below it; empty where there is none.
-        stated: what was found that is not usual, one sentence each.
-        dated: numbers of the columns whose first cell is a date and time, or a time of day.
-    """
-
-    separator: str
-    decimal: str
-    names: tuple[str, ...]
-    lines: int
-    start: int
-    units: tuple[str, ...] = ()
-    stated: tuple[str, ...] = ()
-    dated: frozenset[int] = frozenset()
+# Texts of a column that are told.
+_TEXTS = 3
 
 
 def units(path: Path) -> dict[str, str]:
     """Units that the header states."""
-    with opened_file(path, _KIND):
-        dialect = _dialect(path)
+    with opened_file(path, KIND):
+        dialect = dialect_of(path)
     return {name: unit for name, unit in zip(dialect.names, dialect.units, strict=True) if unit}
 
 
 def names(path: Path) -> list[str]:
     """Names of the columns."""
-    with opened_file(path, _KIND):
-        return list(_dialect(path).names)
+    with opened_file(path, KIND):
+        return list(dialect_of(path).names)
+
+
+def texts(path: Path, wanted: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Texts of columns that are no numbers, the first three different ones of each; empty cells are none."""
+    with opened_file(path, KIND):
+        dialect = dialect_of(path)
+    chosen = [(name, dialect.names.index(name)) for name in wanted if name in dialect.names]
+    found: dict[str, dict[str, None]] = {name: {} for name, _ in chosen}
+    as_text = replace(dialect, dated=frozenset(k for _, k in chosen))
+    try:
+        for batch in _batches(path, as_text, [str(k) for _, k in chosen], _end(path, dialect)[0]) if chosen else ():
+            for own, cells in zip(found.values(), batch, strict=True):
+                if len(own) < _TEXTS:
+                    own |= dict.fromkeys(str(cell).strip() for cell in np.unique(cells.astype(str)))
+    except ValueError:
+        return {}
+    return {name: tuple(text for text in own if text)[:_TEXTS] for name, own in found.items()}
 
 
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
@@ -103,8 +74,8 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
         LogFileError: a line has more or fewer cells than the header, or a cell of a
             wanted column is not a number.
     """
-    with opened_file(path, _KIND):
-        dialect = _dialect(path)
+    with opened_file(path, KIND):
+        dialect = dialect_of(path)
     check_members(path, len(dialect.names), "columns")
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
     for name in wanted:
@@ -133,7 +104,7 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
         except ValueError as other:
             row, fault = -1, other
         if row < 0:
-            raise _fault(path, dialect, indices, again) or corrupt(path, _KIND, str(fault)) from fault
+            raise _fault(path, dialect, indices, again) or corrupt(path, KIND, str(fault)) from fault
         request.notes.append(
             "lines above the samples come again among them, as where a recorder was restarted: left out"
         )
@@ -154,7 +125,7 @@ def _fill(out: dict[str, Array], batches: Iterator[list[Array]], dated: Sequence
     return row
 
 
-def _again(path: Path, dialect: _Dialect, stop: int) -> frozenset[bytes]:
+def _again(path: Path, dialect: Dialect, stop: int) -> frozenset[bytes]:
     """The lines above the samples, where one of them comes again among these; none where none does."""
     with opened_utf8(path) as file:
         above = frozenset(line.strip() for line in file.read(dialect.start).splitlines() if line.strip())
@@ -192,7 +163,7 @@ class _Clock:
 
 def _nanoseconds(cell: str) -> int:
     """Of a date and time since the year 1, or of a time of day since midnight."""
-    found = _DATE.fullmatch(cell)
+    found = DATE.fullmatch(cell)
     if found is None:
         raise ValueError(f"{cell} is no date and time")
     days = date(*(int(n) for n in re.split("[-/]", found["date"]))).toordinal() if found["date"] else 0
@@ -202,7 +173,7 @@ def _nanoseconds(cell: str) -> int:
     return (minutes * 60 + int(found["seconds"])) * 10**9 + int((found["part"] or "0").ljust(9, "0"))
 
 
-def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
+def _end(path: Path, dialect: Dialect) -> tuple[int, int]:
     """Byte at which the rows end, and cells of a last line that has too few and is left out; 0 for none."""
     with opened_utf8(path) as file:
         size = file.seek(0, io.SEEK_END)
@@ -211,14 +182,14 @@ def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
     line = re.split(rb"[\r\n]", block)[-1]
     if len(line) == len(block):  # the only row, or no row at all
         return size, 0
-    cells = len(_cells(text_of(line), dialect.separator))
+    cells = len(cells_of(text_of(line), dialect.separator))
     if not 0 < cells < len(dialect.names):
         return size, 0
     return max(dialect.start, size - BLOCK_BYTES) + len(block) - len(line), cells
 
 
 def _batches(
-    path: Path, dialect: _Dialect, include: list[str], stop: int, skipped: frozenset[bytes] = frozenset()
+    path: Path, dialect: Dialect, include: list[str], stop: int, skipped: frozenset[bytes] = frozenset()
 ) -> Iterator[list[Array]]:
     """The wanted columns up to a byte, without some lines, block by block.
 
@@ -256,7 +227,7 @@ def _batches(
             yield from ([numbers(column) for column in batch.columns] for batch in table.to_batches())
 
 
-def _plain_batches(source: IO[bytes], dialect: _Dialect, include: list[int]) -> Iterator[list[Array]]:
+def _plain_batches(source: IO[bytes], dialect: Dialect, include: list[int]) -> Iterator[list[Array]]:
     """The same by the standard library.
 
     Raises:
@@ -281,141 +252,7 @@ def _value(cell: str, decimal: str) -> float:
     return float("nan") if cell in MISSING else float(cell.strip().replace(decimal, "."))
 
 
-def _dialect(path: Path) -> _Dialect:
-    """Find the separator, the decimal mark, the header, and rows above and below it that are no samples."""
-    require(path, _KIND, "text", "UTF-16 text")
-    with opened_utf8(path) as file:
-        raw = file.read(HEAD_BYTES)
-        whole = not file.read(1)
-    lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines(keepends=True)
-    offset = len(raw) - sum(map(len, lines))
-    encoding = encoding_of(raw)
-    texts = [line.decode(encoding, errors="replace").rstrip("\r\n") for line in lines]
-    if not whole and len(texts) > 1:
-        del texts[-1]
-    below, measured = labview_header(texts)
-    filled = [k for k, text in enumerate(texts) if k >= below and text.strip() and not COMMENT.match(text)][:SNIFFED]
-    if not filled:
-        raise empty(path, "no header and no rows")
-    separator, decimal = _separator([texts[k] for k in filled])
-    rows = [_cells(texts[k], separator) for k in filled]
-    width = _width(rows, decimal)
-    samples = [_is_row(row, width, decimal) for row in rows]
-    names_only = [len(row) == width and not any(is_number(cell, decimal) for cell in row) for row in rows]
-    plain = [samples[k] and all(is_number(cell, decimal) for cell in row) for k, row in enumerate(rows)]
-    begins = (
-        i
-        for i in range(len(rows))
-        if samples[i] and (all(samples[i : i + _ROWS_TOGETHER]) or (plain[i] and names_only[i - 1]))
-    )
-    first = next(begins, 1)
-    head = first - 1
-    units: tuple[str, ...] = ()
-    if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):
-        units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
-    stated: list[str] = []
-    fitting = fitting_header(rows[head], rows[first:], width) if first else None
-    if fitting is None:
-        header, start = _without_header(
-            texts, filled[first % len(rows)], rows[first:] or rows, separator, width, stated
-        )
-        if first:
-            stated.append(f"the line above the samples has {len(rows[head])} cells where they have {width}: not used")
-    else:
-        header, start = fitting, filled[first - 1] + 1
-        if head > 0 and (joined := two_levels(rows[head - 1], header)):
-            header, head = joined, head - 1
-            stated.append("the header has two lines: names are those of both, such as " + header[-1])
-        if head > 0:
-            stated.append(f"{head} lines before the header are not used")
-    if units:
-        stated.append("the line below the header is taken as units")
-    elif measured:
-        units = tuple((measured + [""] * len(header))[: len(header)])
-    else:
-        units = tuple(_unit(match["unit"]) if (match := _UNIT.search(cell)) else "" for cell in header)
-    if separator == " " or decimal == ",":
-        words = {" ": "blanks", "\t": "tabs", ";": "semicolons", ",": "commas"}
-        stated.append(
-            f"cells are separated by {words[separator]}, with decimal {'commas' * (decimal == ',') or 'points'}"
-        )
-    named = numbered([cell or f"column {k}" for k, cell in enumerate(header, 1)], stated)
-    dated = frozenset(k for k, cell in enumerate(rows[first] if first < len(rows) else []) if _DATE.fullmatch(cell))
-    begin = offset + sum(map(len, lines[:start]))
-    return _Dialect(separator, decimal, named, start, begin, units, tuple(stated), dated)
-
-
-def _without_header(
-    texts: list[str], first: int, rows: list[list[str]], separator: str, width: int, stated: list[str]
-) -> tuple[list[str], int]:
-    """Names of the columns of rows without a header, from a comment or by number, and the line at which rows start."""
-    commented = next((k for k in reversed(range(first)) if COMMENT.match(texts[k]) and texts[k].strip("#% \t")), None)
-    if commented is not None:
-        text = COMMENT.sub("", texts[commented], count=1)
-        cells = _cells(text, separator)
-        if len(cells) == width and not all(is_number(cell, ".") for cell in cells):
-            return cells, first
-        if names := headers.blank_names(text, width):
-            return names, first
-    if len(rows) > 1 and width > 1 and [whole_number(cell) for cell in rows[0]] == list(range(width)):
-        stated.append("the first line counts the columns from 0: it is taken as the header")
-        return rows[0], first + 1
-    stated.append(f"there is no header: columns are named column[1..{width}]")
-    return [f"column[{k}]" for k in range(1, width + 1)], first
-
-
-def _separator(texts: list[str]) -> tuple[str, str]:
-    """The separator and the decimal mark by which the lines have most numbers, in rows of one width."""
-
-    def numbers(choice: tuple[str, str]) -> tuple[bool, int]:
-        separator, decimal = choice
-        rows = [_cells(text, separator) for text in texts]
-        width = _width(rows, decimal)
-        first = next((k for k, row in enumerate(rows) if _is_row(row, width, decimal)), len(rows))
-        found = sum(is_number(cell, decimal) for row in rows if len(row) == width for cell in row)
-        headed = first == 0 or fitting_header(rows[first - 1], rows[first:], width) is not None
-        return headed and found > 0, found * (2 if width > 1 else 1)
-
-    there = [any(separator in text for text in texts) for separator in SEPARATORS]
-    absent = there.index(False) if False in there else -1  # all absent ones give the same rows
-    separators = [separator for k, separator in enumerate(SEPARATORS) if there[k] or k == absent]
-    choices = [(separator, decimal) for separator in separators for decimal in ".," if separator + decimal != ",,"]
-    return max(choices, key=numbers)
-
-
-def _width(rows: list[list[str]], decimal: str) -> int:
-    """The usual number of cells of the lines with numbers; of the header where there are none."""
-    counts = Counter(len(row) for row in rows[1:] or rows if any(is_number(cell, decimal) for cell in row))
-    return counts.most_common(1)[0][0] if counts else len(rows[0])
-
-
-def _is_row(row: list[str], width: int, decimal: str) -> bool:
-    """Whether a line holds samples: numbers in most of its cells that are not empty, or in as many as usual."""
-    filled = [cell for cell in row if cell not in MISSING]
-    found = sum(is_number(cell, decimal) for cell in filled)
-    return len(row) == width and (2 * found > len(filled) or (found > 0 and 2 * found == len(filled)) or not filled)
-
-
-def _are_units(cells: list[str]) -> bool:
-    """Whether the cells of a line are units: at least half are known, and none is a number."""
-    known = sum(known_unit(_unit(cell)) is not None for cell in cells)
-    return 2 * known >= len(cells) and not any(is_number(cell, ".") for cell in cells)
-
-
-def _unit(cell: str) -> str:
-    return cell.strip().strip("[](){}").strip()
-
-
-def _cells(text: str, separator: str) -> list[str]:
-    """Cells of a line; none where one of them is too long for a number or a name."""
-    if separator == " ":
-        text = " ".join(text.split())
-    with suppress(csv.Error):
-        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
-    return []
-
-
-def _row_bound(path: Path, dialect: _Dialect) -> int:
+def _row_bound(path: Path, dialect: Dialect) -> int:
     """Upper bound of the number of rows: blank lines are counted too.
 
     Raises:
@@ -434,10 +271,10 @@ def _row_bound(path: Path, dialect: _Dialect) -> int:
     return max(newlines, returns) + (last not in b"\r\n")
 
 
-def _fault(path: Path, dialect: _Dialect, indices: dict[str, int], skipped: frozenset[bytes]) -> LogError | None:
+def _fault(path: Path, dialect: Dialect, indices: dict[str, int], skipped: frozenset[bytes]) -> LogError | None:
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
-    above = [_cells(text_of(line), dialect.separator) for line in skipped]
+    above = [cells_of(text_of(line), dialect.separator) for line in skipped]
     with opened_text(path) as file:
         blanks = dialect.separator == " "
         rows = csv.reader((" ".join(line.split()) for line in file) if blanks else file, delimiter=dialect.separator)
@@ -462,7 +299,7 @@ def _fault(path: Path, dialect: _Dialect, indices: dict[str, int], skipped: froz
             for name, k in indices.items():
                 cell = row[k].strip()
                 number = cell if dialect.decimal == "." else cell.replace(",", ".")
-                right = _DATE.fullmatch(cell) if k in dialect.dated else NUMBER.fullmatch(number)
+                right = DATE.fullmatch(cell) if k in dialect.dated else NUMBER.fullmatch(number)
                 if cell not in MISSING and not right:
                     what = "date and time" if k in dialect.dated else "number"
                     return LogFileError(

@@ -8,11 +8,16 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
+from haptid.log.formats.sniff import RawChannel
 from haptid.log.registers import Register
 
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
 # Arrays of fewer elements than this share of the rows are settings or results beside the recording.
 A_PART = 0.02
+# Channels of a topic or table that are looked at.
+MOST = 400
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,7 @@ class ChannelSurvey:
         quantity, unit, reason: guess of what it is; no unit where there is no reason for one.
         register: how it seems to write its sign, where it is a word of a drive; its range is that with the sign.
         period: by which a position jumps, in its own unit; 0 where it does not.
+        joint: name of its joint, where a column of texts beside it has that in every row.
     """
 
     name: str
@@ -41,6 +47,7 @@ class ChannelSurvey:
     reason: str = ""
     register: Register = field(default_factory=Register)
     period: float = 0.0
+    joint: str = ""
 
     @property
     def rows(self) -> int:
@@ -117,3 +124,29 @@ class Survey:
     def to_json(self) -> dict[str, Any]:
         """As JSON values; NaN where a number is not known."""
         return asdict(self) | {"path": str(self.path)}
+
+
+@dataclass
+class Range:
+    """Running count and range of a channel."""
+
+    count: int = 0
+    nan: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+    whole: bool = True
+
+    def add(self, values: RawChannel) -> None:
+        if values.dtype.kind == "f":
+            good = values[np.isfinite(values)]
+            self.whole = self.whole and bool(np.array_equal(good, np.rint(good)))
+        else:
+            good = values
+        self.count += good.size
+        self.nan += values.size - good.size
+        if good.size:
+            self.low, self.high = min(self.low, float(good.min())), max(self.high, float(good.max()))
+
+    def channel(self, name: str, rows: int) -> ChannelSurvey:
+        low, high = (self.low, self.high) if self.count else (math.nan, math.nan)
+        return ChannelSurvey(name, self.count, rows - self.count, low, high, self.whole)

@@ -15,7 +15,7 @@ from haptid.log.survey.channels import ChannelSurvey, TopicSurvey
 from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
 from haptid.log.survey.guesses import STATED, unit_of
 from haptid.log.survey.joint_names import are_named, owners
-from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, unit_apart, words_of
+from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, words_of
 from haptid.log.units import PERIODS, TABLES
 
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
@@ -156,7 +156,7 @@ def _unlike(position: ChannelFamily, joints: Sequence[tuple[str, ...]]) -> str:
     count = len(position.channels)
     names = ", ".join(joint[-1] for joint in joints[:_NAMED]) + (", ..." if len(joints) > _NAMED else "")
     if joints and count < len(joints):
-        moved = owners([unit_apart(c.name)[0] for c in position.channels], joints)
+        moved = owners(position.called, joints)
         only = f"--only {','.join(joints[k][-1] for k in moved)}" if moved else "--hold JOINT=0"
         return (
             f"; the device has {len(joints)} joints ({names}), and these are {count}: a joint that the log lacks and "
@@ -164,7 +164,10 @@ def _unlike(position: ChannelFamily, joints: Sequence[tuple[str, ...]]) -> str:
         )
     if joints and count > len(joints):
         return f"; the device has {len(joints)} joints, and these are {count}: keep those of {names}"
-    if joints and not position.known and are_named([unit_apart(c.name)[0] for c in position.channels]):
+    if position.left:
+        channel, joint = position.left
+        return f"; no name tells {channel}: taken for the joint that is left, {joint}; is it another one, or a gripper?"
+    if joints and not position.known and are_named(position.called):
         return f"; none is named as a joint of the device: put them, and the torques, in the order of {names}"
     held = sorted(set(range(count)) - set(_moved(position)))
     if held and held != list(range(count)) and any(position.channels[k].usable for k in held):
@@ -278,7 +281,15 @@ def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Form
             )
         return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
     rows = position.channels[0].rows
-    time = max(times, key=lambda t: (t.rows == rows, t.name.rpartition(".")[0] == position.prefix))
+    # The sender's stamp is that of the samples; the recorder's, beside it in `rostopic echo -p`, comes when it does.
+    time = max(
+        times,
+        key=lambda t: (
+            t.rows == rows,
+            t.name.rpartition(".")[0] == position.prefix,
+            {"header", "stamp"} <= words_of(t.name),
+        ),
+    )
     return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 
 
@@ -296,19 +307,18 @@ def _where(family: ChannelFamily) -> str:
 
 
 def _signal_line(key: str, family: ChannelFamily) -> str:
+    family = replace(family, channels=_of_stated_units(family.channels))
     units = dict.fromkeys(channel.unit for channel in family.channels)
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
     where = _where(family)
     unit, reason = next(iter(units)), next(iter(reasons))
-    told = len(units) > 1 and all(channel.reason.startswith(STATED) for channel in family.channels)
-    mixed = told or _mixed(units)
+    told = any(_is_stated(channel) for channel in family.channels)
+    mixed = len(units) > 1 and (told or _mixed(units))
     reason = "; ".join(reasons) if told else reason
     if len(units) > 1 and not mixed:
         # A small joint, or a small motor, fits both units; that with the largest values tells which.
         largest = max(family.channels, key=lambda channel: max(abs(channel.low), abs(channel.high)))
-        stated = any(channel.reason.startswith(STATED) for channel in family.channels)
-        unit, reason = (unit, reason) if stated else (largest.unit, largest.reason)
-        reason += "; units differ between channels" if stated else f" ({largest.name}; the others fit too)"
+        unit, reason = largest.unit, f"{largest.reason} ({largest.name}; the others fit too)"
     still = [channel.name for channel in family.channels if not channel.usable]
     constant = ""
     if still:
@@ -336,6 +346,24 @@ def _signal_line(key: str, family: ChannelFamily) -> str:
         counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
         reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
     return f"{key} = {{ {where}, unit = {written}{counted}{more}{side}{constant} }}  # guess: {reason}"
+
+
+def _is_stated(channel: ChannelSurvey) -> bool:
+    return channel.reason.startswith(STATED)
+
+
+def _of_stated_units(channels: Sequence[ChannelSurvey]) -> tuple[ChannelSurvey, ...]:
+    """Channels of which those without a stated unit have the one that is stated of others of their kind."""
+    stated = [channel for channel in channels if _is_stated(channel)]
+    units = {c: {s.unit for s in stated if not _mixed({s.unit, c.unit})} for c in channels if c not in stated}
+    alone = {channel: next(iter(own)) for channel, own in units.items() if len(own) == 1}
+    names = channel_list([channel.name for channel in alone])
+    return tuple(
+        replace(c, unit=alone[c], reason=f"of {names} no unit is stated: it is taken as that of the others")
+        if c in alone
+        else c
+        for c in channels
+    )
 
 
 def _mixed(found: Iterable[str]) -> bool:

@@ -56,12 +56,18 @@ _NUMBERED = re.compile(r"(?P<word>\D*[^\W\d]_?)(?P<number>[0-9]{1,6})")
 
 @dataclass(frozen=True)
 class ChannelFamily:
-    """Channels of one quantity that belong together, in order; `known` where they were found by the joints' names."""
+    """Channels of one quantity that belong together, in order.
+
+    Attributes:
+        known: whether they were found by the joints' names.
+        left: a channel that no name tells, and the joint that was left for it; empty where names tell all.
+    """
 
     topic: TopicSurvey
     array: str
     channels: tuple[ChannelSurvey, ...]
     known: bool = False
+    left: tuple[str, ...] = ()
 
     @property
     def rank(self) -> tuple[bool, bool, bool, bool, int, int, int, bool]:
@@ -101,12 +107,14 @@ class ChannelFamily:
         """The channels of these joints, in their order; all channels where not every joint is found by a name."""
         if not joints:
             return self
-        heads = [_joint_words(c.name, self.channels) for c in self.channels]
+        heads = [c.joint or _joint_words(c.name, self.channels) for c in self.channels]
         found = [[c for c, head in zip(self.channels, heads, strict=True) if head in names] for names in joints]
         if all(len(x) == 1 for x in found):
             return replace(self, channels=tuple(c for (c,) in found), known=True)
-        order = matched([unit_apart(c.name)[0] for c in self.channels], joints)
-        return replace(self, channels=tuple(self.channels[k] for k in order), known=True) if order else self
+        order, left = matched(self.called, joints)
+        if not order:
+            return self
+        return replace(self, channels=tuple(self.channels[k] for k in order), known=True, left=left)
 
     def ordered(self, other: ChannelFamily) -> ChannelFamily:
         """The channels in the order of another family that has the same elements."""
@@ -121,9 +129,14 @@ class ChannelFamily:
         return self
 
     @property
+    def called(self) -> list[str]:
+        """Names of the joints, where texts beside the channels say them, or of the channels without their units."""
+        return [c.joint or unit_apart(c.name)[0] for c in self.channels]
+
+    @property
     def heads(self) -> tuple[str, ...]:
         """What the channels' names differ in: the joints' names, or numbers, as of `q1`, `q2` and `tau1`, `tau2`."""
-        words = tuple(_joint_words(c.name, self.channels) for c in self.channels)
+        words = tuple(c.joint or _joint_words(c.name, self.channels) for c in self.channels)
         split = [_NUMBERED.fullmatch(word) for word in words]
         numbers = [str(int(m["number"])) for m in split if m]
         alike = len({m["word"] for m in split if m}) == 1 and len(set(numbers)) == len(words)

@@ -9,13 +9,14 @@ _Words = tuple[str, ...]
 _WORD = re.compile(r"[^\W\d_]+|\d+")
 
 
-def matched(channels: Sequence[str], joints: Sequence[tuple[str, ...]]) -> list[int] | None:
-    """The channel of each joint, (joints,); None where the names do not tell every joint's.
+def matched(channels: Sequence[str], joints: Sequence[tuple[str, ...]]) -> tuple[list[int], tuple[str, ...]]:
+    """The channel of each joint, (joints,), empty where the names do not tell every joint's; and what is left over.
 
     A channel whose name contains a joint's is that joint's, and of several the one with the longest name. Otherwise the
     words are compared that not all channels, or not all joints, share at their ends: one contains the other. Of as many
-    channels as joints the last one is that of the joint that is left, as of `pole` where the log says `pendulum angle`.
-    Each joint has one channel of its own. Numbers alone are no names.
+    channels as joints the last one is that of the joint that is left, as of `pole` where the log says `pendulum angle`;
+    no name tells that it is not another joint, such as a gripper, so the channel and the joint are returned too. Each
+    joint has one channel of its own. Numbers alone are no names.
 
     Args:
         channels: names of channels of one quantity, without their units.
@@ -25,22 +26,16 @@ def matched(channels: Sequence[str], joints: Sequence[tuple[str, ...]]) -> list[
     ends = [[_words(joint[end]) for joint in joints] for end in (0, -1)]
     own, parts = _distinct(whole), [_distinct(names) for names in ends]
     like = [[c for c, words in enumerate(own) if any(_alike(words, n[k]) for n in parts)] for k in range(len(joints))]
-    if len(channels) == len(joints):
-        like = _left_over(like)
     for found in (_longest(whole, list(zip(*ends, strict=True))), like):
         chosen = [c for group in found for c in group]
         if all(len(group) == 1 for group in found) and len(set(chosen)) == len(joints):
-            return chosen
-    return None
-
-
-def _left_over(found: list[list[int]]) -> list[list[int]]:
-    """The channels of each joint, with the last channel for the last joint where every other one has its own."""
-    taken = [c for group in found for c in group]
-    if [len(group) for group in found].count(0) == 1 and len(taken) == len(set(taken)) == len(found) - 1:
-        last = next(iter({*range(len(found))} - {*taken}))
-        return [group or [last] for group in found]
-    return found
+            return chosen, ()
+    lacking = [k for k, group in enumerate(like) if not group]
+    taken = {c for group in like for c in group}
+    if len(channels) == len(joints) == len(taken) + 1 and len(lacking) == 1 and sum(map(len, like)) == len(taken):
+        (last,) = {*range(len(joints))} - taken
+        return [*(c for group in like for c in (group or [last]))], (channels[last], joints[lacking[0]][-1])
+    return [], ()
 
 
 def owners(channels: Sequence[str], joints: Sequence[tuple[str, ...]]) -> list[int]:
