@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.geometry import least_turn
 from haptid.robot_files.paths import Roots
-from haptid.robot_files.sdf_models import OWN_FRAME, WORLD, Models
+from haptid.robot_files.sdf_models import CANONICAL, OWN_FRAME, WORLD, Models, canonical_link
 from haptid.robot_files.tree import (
     ClosingJoint,
     Follows,
@@ -104,10 +104,7 @@ class _Model:
         follows: list[Follows] = []
         owned: set[str] = set()
         for name, element in self.joints.items():
-            parent, child = (self._text(element.only(role)) for role in ("parent", "child"))
-            for role, link in (("parent", parent), ("child", child)):
-                if link not in links:
-                    element.refuse(f"has the {role} {link!r}, which is no link", "Name a link of this model.")
+            parent, child = (self._link_of(element, role) for role in ("parent", "child"))
             made = self._joint(element, name, parent, child)
             if child in owned:
                 closing.append(self._closing(element, made))
@@ -142,6 +139,25 @@ class _Model:
     @staticmethod
     def _text(element: Element | None) -> str:
         return "" if element is None else element.text.strip()
+
+    def _link_of(self, joint: Element, role: str) -> str:
+        """The link that a joint's parent or child is, or to which a frame, joint or model of that name is fixed."""
+        name = at = self._text(joint.only(role))
+        passed: set[str] = set()
+        while at not in self.links and at != WORLD:
+            if at in passed:
+                joint.refuse(f"has the {role} {name!r}, which is attached to itself", "Correct attached_to.")
+            passed.add(at)
+            if at == OWN_FRAME:
+                at = canonical_link(self.model)
+            elif at in self.frames:
+                frame = self.frames[at].attributes
+                at = frame.get(CANONICAL, "").strip() or frame.get("attached_to", "").strip() or OWN_FRAME
+            elif at in self.joints:
+                at = self._text(self.joints[at].only("child"))
+            else:
+                joint.refuse(f"has the {role} {name!r}, which is no link or frame", "Name a link of this model.")
+        return at
 
     def _own_pose(self, element: Element) -> Array:
         found = element.first("pose")

@@ -16,6 +16,8 @@ from haptid.robot_files.paths import Roots
 from haptid.robot_files.xml import Element, parse, read_bytes
 
 OWN_FRAME, WORLD = "__model__", "world"
+# Attribute of the link that a model's frame is fixed to, here also of the frame that stands for a nested model.
+CANONICAL = "canonical_link"
 # Models within models that are followed, and how deeply.
 _MOST, _DEEPEST = 500, 10
 _PLACED = ("link", "frame")
@@ -99,23 +101,33 @@ def _within(place: Element, model: Element) -> Iterator[Element]:
         return frame if name == OWN_FRAME else name if merged else f"{own}::{name}"
 
     pose = place.first("pose") or model.first("pose")
-    yield replace(place, tag="frame", attributes={"name": frame}, children=[] if pose is None else [pose])
+    attributes = {"name": frame, CANONICAL: outer(canonical_link(model))}
+    yield replace(place, tag="frame", attributes=attributes, children=[] if pose is None else [pose])
     for child in model.children:
         if child.tag in ("link", "joint", "frame"):
             yield _renamed(child, outer, frame)
 
 
-def _renamed(element: Element, outer: Callable[[str], str], frame: str) -> Element:
-    """An element of a nested model with the names of the model around it; poses are relative to the model's frame."""
+def canonical_link(model: Element) -> str:
+    """The link that a model's own frame is fixed to; empty where the model has none."""
+    links = [element.name() for element in model.all("link")]
+    return model.attributes.get(CANONICAL, "").strip() or (links[0] if links else "")
+
+
+def _renamed(element: Element, outer: Callable[[str], str], frame: str, inside: bool = False) -> Element:
+    """An element of a nested model with the names of the model around it; poses are relative to the model's frame.
+
+    Elements inside it have no names of the model's: `<frame>` of a force sensor says in which frame it measures.
+    """
     attributes = dict(element.attributes)
     for key in ("relative_to", "attached_to", "expressed_in", "joint"):
         if key in attributes:
             attributes[key] = outer(attributes[key])
     text = outer(element.text) if element.tag in ("parent", "child") else element.text
-    children = [_renamed(child, outer, frame) for child in element.children]
-    if element.tag in ("link", "joint", "frame"):
+    children = [_renamed(child, outer, frame, True) for child in element.children]
+    if not inside:
         attributes["name"] = outer(element.name())
-    if element.tag in _PLACED and not attributes.get("attached_to"):
+    if element.tag in _PLACED and not inside and not attributes.get("attached_to"):
         old = next((child for child in children if child.tag == "pose"), None)
         pose = replace(element, tag="pose", text="", attributes={}, children=[]) if old is None else old
         placed = replace(pose, attributes={"relative_to": frame, **{k: v for k, v in pose.attributes.items() if v}})
