@@ -42,6 +42,7 @@ def channels(
     from haptid.device import read_device
     from haptid.errors import OptionError
     from haptid.log.survey import survey
+    from haptid.log.survey.draft import unrecognised
     from haptid.study.draft import draft_study
 
     with errors_shown():
@@ -60,7 +61,7 @@ def channels(
     if as_json:
         print_json("channels", surveyed.to_json())
     elif toml:
-        sys.stdout.write(draft)
+        sys.stdout.write(draft or unrecognised(surveyed.topics))
     else:
         _show(surveyed, draft, study)
 

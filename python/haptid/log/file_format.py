@@ -108,11 +108,24 @@ _PICKLE = (
     "A pickle can run code, so haptid reads none: where you trust it, load it in Python and save its arrays with "
     "`numpy.savez('run.npz', t=t, q=q, tau=tau)`."
 )
+_EVENTS = (
+    "Its messages need the types that they were written with: in Python, read them with `lcm.EventLog(FILE)`, decode "
+    "each with its type, and save the arrays with `numpy.savez('run.npz', t=t, q=q, tau=tau)`."
+)
+_RECORDS = (
+    "In Python, read the episodes with `tensorflow_datasets`, and save the arrays of each with "
+    "`numpy.savez('run.npz', t=t, q=q, tau=tau)`."
+)
 _UNPACK = "Unpack it, and name a file in it."
 # How files of other kinds that hold logs are converted.
 _CONVERSION = {
     **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), _SHEET),
     **dict.fromkeys((".pkl", ".pickle", ".pth", ".pt"), _PICKLE),
+    ".lcm": _EVENTS,
+    ".lcmlog": _EVENTS,
+    ".tfrecord": _RECORDS,
+    ".ulg": "Convert it with `ulog2csv FILE` of the package pyulog, and put the CSV files into a folder of their own.",
+    ".mf4": "Convert it in Python with the package asammdf: `asammdf.MDF(FILE).export('csv', filename='run.csv')`.",
     **dict.fromkeys((".zip", ".gz", ".7z", ".tar", ".tgz", ".xz", ".bz2", ".rar", ".zst"), _UNPACK),
 }
 # Logs that are named in an error.
@@ -157,12 +170,13 @@ def format_of(path: Path) -> Format:
         return Format(suffix[1:].upper(), (suffix,), "", extension=found)
     known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS if kind.suffixes]
     known += [f".{name}" for name in extension_names("haptid.log_formats")]
+    conversion = _CONVERSION.get(suffix.partition("-")[0], "Convert the log, or rename it.")  # .tfrecord-00000-of-00064
     raise LogFileError(
         f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
         where=path,
         found=path.suffix,
         limit=tuple(known),
-        advice=f"{_CONVERSION.get(suffix, 'Convert the log, or rename it.')} Formats: {'; '.join(known)}.",
+        advice=f"{conversion} Formats: {'; '.join(known)}.",
     )
 
 

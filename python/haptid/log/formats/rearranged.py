@@ -1,6 +1,7 @@
 """CSV with lists in its cells, `"[0.1, 0.2]"`, or with a row for each joint, whose name or number is in a column.
 
-Lists become a channel for each element, `position[1]`; rows of joints one row, with channels `position[shoulder]`.
+Lists become a channel for each element, `position[1]`, or `position[shoulder]` where a list of names is beside them, of
+which each row may have its own; rows of joints become one row, with channels `position[shoulder]`.
 """
 
 from __future__ import annotations
@@ -26,8 +27,14 @@ _KIND = "text table"
 _SEPARATORS = (",", ";", "\t")
 # Rows at the top of a file that tell it, and share of them that have the form.
 _ROWS, _SHARE = 200, 0.9
-# Numbers in one or two brackets, as Python, NumPy and pandas print them.
-_LIST = re.compile(r'"?(?:(?:np\.|numpy\.)?(?:array|tensor)\()?\[{1,2}(?P<numbers>[\s\d.,eE+\-naif]*)\]{1,2}\)?"?')
+# Numbers in one or two brackets, or of a tuple in quotes, as Python, NumPy and pandas print them.
+_LIST = re.compile(
+    r'"?(?:(?:np\.|numpy\.)?(?:array|tensor)\()?\[{1,2}(?P<numbers>[\s\d.,eE+\-naif]*)\]{1,2}\)?"?'
+    r'|"\((?P<tuple>[\s\d.,eE+\-naif]*)\)"'
+)
+# A list of names, and the column that has it.
+_NAMES, _QUOTED = re.compile(r"[\[(].*[\])]"), re.compile(r"'([^']*)'|\"([^\"]*)\"")
+_NAMING = re.compile(r"(?i)(?:^|[^a-z])names?$")
 # Words of the column that says whose row it is, and joints at most.
 _WHOSE = re.compile(r"(?i)(?:^|[^a-z])(?:joint|motor|axis|servo|actuator|drive|dof|id|name|names|ids)(?![a-z])")
 _FEWEST_CYCLES, _MOST_JOINTS = 3, 32
@@ -79,9 +86,38 @@ def _parsed(path: Path, _written: int) -> tuple[dict[str, Array], tuple[str, ...
         if len(row) != len(header):
             raise _wrong(path, k, f"{len(row)} cells where the header has {len(header)}")
     at = _whose(header, rows[:_ROWS])
+    if at is None and (named := _by_names(path, header, rows)):
+        return named, ()
     if at is None:
         return {name: _column(path, name, [row[k] for row in rows]) for k, name in enumerate(header)}, ()
     return _by_joint(path, header, rows, at)
+
+
+def _by_names(path: Path, header: list[str], rows: list[list[str]]) -> dict[str, Array]:
+    """Columns with an element for each joint that a list of names beside them has, in each row; none without such."""
+    at = next((k for k, name in enumerate(header) if _NAMING.search(name)), None)
+    if at is None or not all(_NAMES.fullmatch(row[at]) for row in rows):
+        return {}
+    texts = [tuple("".join(both) for both in _QUOTED.findall(row[at])) for row in rows]
+    joints = list(dict.fromkeys(joint for own in texts for joint in own))
+    if not 1 < len(joints) <= _MOST_JOINTS:
+        return {}
+    place = {joint: k for k, joint in enumerate(joints)}
+    made: dict[str, Array] = {}
+    for k, name in enumerate(header):
+        cells = [_numbers(row[k]) or [] for row in rows]
+        if (
+            k != at
+            and max(map(len, cells)) > 1
+            and all(len(x) in (0, len(t)) for x, t in zip(cells, texts, strict=True))
+        ):
+            table = np.full((len(rows), len(joints)), np.nan)
+            for row, numbers, own in zip(table, cells, texts, strict=True):
+                row[[place[joint] for joint in own[: len(numbers)]]] = numbers
+            made |= {f"{name}[{joint}]": table[:, j] for j, joint in enumerate(joints)}
+        elif k != at:
+            made[name] = _column(path, name, [row[k] for row in rows])
+    return made
 
 
 def _by_joint(
@@ -128,7 +164,7 @@ def _table(lines: Iterator[str]) -> tuple[list[str], Iterator[list[str]]]:
 
 
 def _in_blanks(match: re.Match[str]) -> str:
-    return " ".join(match["numbers"].replace(",", " ").split())
+    return " ".join((match["numbers"] or match["tuple"] or "").replace(",", " ").split())
 
 
 def _numbers(cell: str) -> list[float] | None:

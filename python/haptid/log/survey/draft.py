@@ -13,7 +13,7 @@ from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, TopicSurvey
 from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
-from haptid.log.survey.guesses import STATED, unit_of
+from haptid.log.survey.guesses import NO_RATE, STATED, unit_of
 from haptid.log.survey.joint_names import are_named, owners
 from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, words_of
 from haptid.log.units import PERIODS, TABLES
@@ -286,6 +286,7 @@ def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Form
         times,
         key=lambda t: (
             t.rows == rows,
+            not t.reason.endswith(NO_RATE),
             t.name.rpartition(".")[0] == position.prefix,
             {"header", "stamp"} <= words_of(t.name),
         ),

@@ -38,6 +38,8 @@ _FEW_TURNS = 20 * math.pi
 _UNSTATED = "no unit is stated"
 # How reasons begin of units that the file has, and that are no guess.
 STATED = ("the file states", "by its name")
+# How reasons end of times that tell no rate: another clock is better.
+NO_RATE = (": their rate is not known", ": no one rate")
 MAY_TURN = "a joint that turns so far is in rad"
 # Currents beyond this are in mA.
 _AMPERES = 200.0
@@ -97,12 +99,12 @@ def usual_step(steps: NDArray[Any]) -> tuple[float, str]:
     forward = steps[steps > 0].astype(np.float64)
     same = float(np.mean(steps == 0))
     if same > _SHARED:
-        return 0.0, f"{100 * same:.2g} % of the rows have the time of the row before: their rate is not known"
+        return 0.0, f"{100 * same:.2g} % of the rows have the time of the row before{NO_RATE[0]}"
     median = float(np.median(forward)) if forward.size else 0.0
     within = forward[forward <= _PAUSE * median]
     if not within.size or abs(float(within.mean()) - median) > _UNEVEN * median:
         low, high = np.quantile(forward, (0.1, 0.9)) if forward.size else (0.0, 0.0)
-        return 0.0, f"its steps are uneven, most of them from {low:.3g} to {high:.3g}: no one rate"
+        return 0.0, f"its steps are uneven, most of them from {low:.3g} to {high:.3g}{NO_RATE[1]}"
     return median, ""
 
 

@@ -86,6 +86,8 @@ _FIELD = re.compile(r"(?<![A-Za-z])(?P<kind>[iIuUvV])_?(?P<axis>[qQ]|[dD]|alpha|
 _IDENTITY = re.compile(r"(?i:(?<![a-z])id[_ ]?\d+(?=[^a-z\d]+[a-z]))|(?i:(?<=[a-z][_ ./])id[_ ]?\d+(?![a-z\d]))")
 # The measured coordinate of a numbered axis, `X1_meas`; a state of a controller is called `x1` too.
 _AXIS = re.compile(r"(?<![A-Za-z])[xX](?=_?\d+_(?:meas|measured|msr|act|actual|ist|fb|fbk)(?![a-z]))")
+# The number of an axis behind its point.
+_AXIS_NUMBER = re.compile(r"[A-Za-z]\d{1,2}")
 _VOLTS = re.compile(r"(?<![A-Za-z])V(?=_?(?:motor|mot|m|in|arm|cmd|act)(?![a-z]))")
 # Before one of these words "current" means the present value.
 _PRESENT = re.compile(
@@ -191,6 +193,8 @@ def quantity_of(name: str) -> Quantity:
         name = _RATE.sub(" ", name.rpartition(".")[2])
         last = words_of(name)
     words = words_of(name) or last
+    if len(parts) > 1 and _AXIS_NUMBER.fullmatch(parts[-1]) and not is_quantity(parts[-1]):
+        last = words_of(parts[-2])  # `$AXIS_ACT.A1` of a KUKA controller
     named = frozenset() if "states" in last else last & _JOINT  # those of joints are their velocities and torques too
     for known_words in (last - _JOINT, words - _JOINT, named):
         for quantity, known in QUANTITY_WORDS:

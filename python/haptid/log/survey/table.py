@@ -156,8 +156,12 @@ def _named_period(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -
 
 
 def _with_stamps_in_parts(channels: list[ChannelSurvey], path: Path, kind: Format) -> tuple[list[ChannelSurvey], float]:
-    """Channels with the times that whole seconds and the fraction beside them make, and their rate; else 0."""
-    for k, (whole, part) in enumerate(pairwise(channels)):
+    """Channels with the times that whole seconds and the fraction beside them make, and their rate; else 0.
+
+    HDF5 has them in the order of the alphabet: nanoseconds stand before seconds.
+    """
+    pairs = ((k, pair) for k, (one, other) in enumerate(pairwise(channels)) for pair in ((one, other), (other, one)))
+    for k, (whole, part) in pairs:
         if not (whole.whole and part.whole and whole.usable and part.low >= 0 and part.high >= _FRACTION):
             continue
         columns = _columns(path, kind, [whole.name, part.name], Request())
