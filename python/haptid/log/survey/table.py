@@ -93,8 +93,8 @@ def tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = _wrapped(channels, path, kind)
     channels = _of_named_joints(channels, looked_at, path, kind, notes)
-    named = (c.joint or m["element"] for c in channels if (m := element_of(c.name)) or c.joint)
-    joints = dict.fromkeys(element for element in named if not element.isdecimal())
+    named = (c.joint or (m["element"] if (m := element_of(c.name)) else "") for c in channels)
+    joints = dict.fromkeys(element for element in named if element and not element.isdecimal())
     if kind is LEROBOT:
         from haptid.log.formats import lerobot  # needs pyarrow
 
