@@ -11,7 +11,7 @@ import pytest
 
 from haptid.log.formats import dialect
 from haptid.log.survey import survey
-from haptid.log.survey.channels import MOST
+from haptid.log.survey.channels import LOOKED_AT
 
 T = np.arange(0.0, 6.0, 0.004)
 Q = np.array([0.5 * np.sin(2 * np.pi * f * T + f) for f in (0.3, 0.5, 0.7)])
@@ -121,14 +121,14 @@ def test_the_dialect_of_a_wide_table_is_found_once(tmp_path: Path, monkeypatch: 
 def test_of_very_many_columns_those_with_telling_names_are_looked_at(tmp_path: Path) -> None:
     """Joints behind the first 400 columns were not there, without a word."""
     rows, rng = T[:300], np.random.default_rng(2)
-    others = [f"camera/pixel_{k}" for k in range(MOST + 20)]
+    others = [f"camera/pixel_{k}" for k in range(LOOKED_AT + 20)]
     table = np.column_stack((rng.standard_normal((rows.size, len(others))), rows, Q[0, :300], TAU[0, :300]))
     np.savetxt(
         tmp_path / "log.csv", table, fmt="%.5f", delimiter=",", header=",".join([*others, "t", "q", "tau"]), comments=""
     )
     found = survey(tmp_path / "log.csv")
     assert tomllib.loads(found.table)["channels"]["position"]["channels"] == ["q"]
-    assert any(f"{MOST} of {len(others) + 3} channels are looked at" in note for note in found.notes)
+    assert any(f"{LOOKED_AT} of {len(others) + 3} channels are looked at" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

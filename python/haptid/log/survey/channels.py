@@ -17,7 +17,7 @@ Quantity = Literal["time", "position", "velocity", "torque", "other"]
 # Arrays of fewer elements than this share of the rows are settings or results beside the recording.
 A_PART = 0.02
 # Channels of a topic or table that are looked at.
-MOST = 400
+LOOKED_AT = 400
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Survey:
 
 
 @dataclass
-class Range:
+class ChannelRange:
     """Running count and range of a channel."""
 
     count: int = 0

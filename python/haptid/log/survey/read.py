@@ -20,12 +20,12 @@ from haptid.log.formats.messages.container import Topic
 from haptid.log.formats.messages.containers import containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable, samples_in_messages
 from haptid.log.formats.sniff import RawChannel, opened_file
-from haptid.log.survey.channels import MOST, Range, Survey, TopicSurvey
+from haptid.log.survey.channels import LOOKED_AT, ChannelRange, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
 from haptid.log.survey.guesses import commanded, guessed
 from haptid.log.survey.names import element_of, words_of
 from haptid.log.survey.recognised import recognised
-from haptid.log.survey.table import tabulated
+from haptid.log.survey.table import surveyed_table
 
 # Messages of a topic that are read as a whole, to recognise channels by how they move.
 _MESSAGES = 20_000
@@ -52,7 +52,7 @@ def survey(
     """
     path = Path(path)
     kind, notes = format_of(path), list[str]()
-    topics = _messages(path, notes) if kind is MESSAGES else [tabulated(path, kind, notes)]
+    topics = _messages(path, notes) if kind is MESSAGES else [surveyed_table(path, kind, notes)]
     if command_unit:
         topics = [
             replace(topic, channels=tuple(commanded(c, command_unit) for c in topic.channels)) for topic in topics
@@ -63,7 +63,7 @@ def survey(
 
 
 def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
-    ranges: dict[str, dict[str, Range]] = {}
+    ranges: dict[str, dict[str, ChannelRange]] = {}
     rows: dict[str, TopicRows] = {}
     stamps: dict[str, list[NDArray[np.int64]]] = {}
     late: dict[str, list[NDArray[np.int64]]] = {}
@@ -75,8 +75,8 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
             stamps.setdefault(topic.name, []).append(receive)
             found = ranges.setdefault(topic.name, {})
             for name, values in batch.values.items():
-                if name in found or len(found) < MOST:
-                    found.setdefault(name, Range()).add(values[batch.present[name]])
+                if name in found or len(found) < LOOKED_AT:
+                    found.setdefault(name, ChannelRange()).add(values[batch.present[name]])
             header = own.header()
             if header is not None and header in batch.values:
                 there = batch.present[header] & (batch.values[header] != 0)  # 0 is a stamp that was never set
@@ -105,7 +105,7 @@ def _by_movement(path: Path, topics: Sequence[TopicSurvey]) -> list[TopicSurvey]
         for topic, batch, _ in batches(containers(path), None, most=_MESSAGES) if unnamed else ():
             own = parts.get(topic.name, {})
             for name, values in batch.values.items():
-                if batch.present[name].all() and (name in own or len(own) < MOST):
+                if batch.present[name].all() and (name in own or len(own) < LOOKED_AT):
                     own.setdefault(name, []).append(values)
     columns = {topic: {name: np.concatenate(values) for name, values in own.items()} for topic, own in parts.items()}
     return [
@@ -120,7 +120,7 @@ def _topic(
     topic: Topic,
     count: int,
     rows: TopicRows | None,
-    ranges: dict[str, Range],
+    ranges: dict[str, ChannelRange],
     stamps: Sequence[NDArray[np.int64]],
     late: Sequence[NDArray[np.int64]],
 ) -> TopicSurvey:

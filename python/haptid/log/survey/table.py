@@ -21,7 +21,7 @@ from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts
-from haptid.log.survey.channels import A_PART, MOST, ChannelSurvey, Quantity, Range, TopicSurvey
+from haptid.log.survey.channels import A_PART, LOOKED_AT, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.guesses import MAY_TURN, STATED, guessed, lettered, timed, usual_step
 from haptid.log.survey.names import NESTED, base_of, element_of, is_time, quantity_of
 from haptid.log.survey.recognised import recognised
@@ -42,7 +42,7 @@ _NAMING = re.compile(r"(?:(?<![A-Za-z])names?[_.]?\[?\d+\]?|^column\[\d+\])$")
 _AGAIN = 0.02
 
 
-def tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
+def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     names, stated = kind.names(path), kind.units(path)
     if not names:
         raise LogFileError(
@@ -65,7 +65,7 @@ def tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         notes.extend(request.notes if k == 0 else (note for note in request.notes if note not in notes))
         for name, column in columns.items():
             count = max(count, column.size)
-            found, register = Range(), register_of(column)
+            found, register = ChannelRange(), register_of(column)
             found.add(register.signed(column.astype(np.float64, copy=False)) if register else column)
             channel = replace(found.channel(name, column.size), register=register)
             if is_time(name):
@@ -200,7 +200,7 @@ def _is_part(channel: ChannelSurvey, rows: int) -> bool:
 
 
 def _channel(name: str, values: RawChannel) -> ChannelSurvey:
-    found = Range()
+    found = ChannelRange()
     found.add(values)
     return found.channel(name, values.size)
 
@@ -310,9 +310,9 @@ def _wrapped(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> lis
 
 def _most_telling(names: Sequence[str]) -> list[str]:
     """As many names as are looked at, in the order of the table; those first that say a time or a quantity."""
-    if len(names) <= MOST:
+    if len(names) <= LOOKED_AT:
         return list(names)
-    kept = sorted(names, key=lambda name: not is_time(name) and quantity_of(base_of(name)) == "other")[:MOST]
+    kept = sorted(names, key=lambda name: not is_time(name) and quantity_of(base_of(name)) == "other")[:LOOKED_AT]
     return [name for name in names if name in set(kept)]
 
 
