@@ -310,9 +310,10 @@ def test_actions_are_in_the_order_of_the_errors_that_are_stated():
 
 
 def test_the_error_of_a_motor_is_stated_where_a_change_does_not_show_in_that_of_all():
-    model = SimpleNamespace(device=SimpleNamespace(torque_units=("N m",) * 2), measured_rows=range(2))
+    device = SimpleNamespace(torque_units=("N m",) * 2, free_rows=(False,) * 2)
+    model = SimpleNamespace(device=device, known_rows=range(2))
     squares = np.tile([1e4, 1.0], (24, 1))
-    bench = SimpleNamespace(weights=np.array([0.01, 1.0]), squares=lambda _: squares)
+    bench = SimpleNamespace(weights=np.array([0.01, 1.0]), sizes=lambda _: squares.sum(axis=0))
     noise = np.random.default_rng(0).uniform(0.5, 1.5, (2, 24, 2))
     search = SimpleNamespace(model=model, bench=bench)
     before, after = Trial(Setting(), 0.1 * noise[0], None), Trial(Setting(), 0.1 * noise[1] * [1.0, 0.2], None)

@@ -53,12 +53,20 @@ def crank_moved_by_the_rocker() -> str:
     ("text", "stiffness", "told"),
     [
         (ARM + SPRING, "K1", False),
+        (ARM.replace('name = "1"', 'name = "1"\ntorque = "zero"') + SPRING, "K1", True),
         (ARM + MOTOR + SPRING, "K1", True),
         (ARM + MOTOR + ELASTIC.replace("NAME", "a") + SPRING, "K1", True),
         (ARM + ELASTIC.replace("NAME", "b") + SPRING, "K1", False),
         (crank_moved_by_the_rocker(), "Kcrank", True),
     ],
-    ids=["no motor", "motor", "behind an elastic motor", "beside an elastic motor", "motor on a passive joint"],
+    ids=[
+        "no motor",
+        "torque zero",
+        "motor",
+        "behind an elastic motor",
+        "beside an elastic motor",
+        "motor on a passive joint",
+    ],
 )
 def test_a_spring_is_refused_where_its_stiffness_is_no_base_parameter(
     tmp_path: Path, text: str, stiffness: str, told: bool

@@ -154,8 +154,8 @@ def test_advice_has_the_error_of_all_motors_that_tables_have(units):
     residual, measured = rng.uniform(1, 2, (6, 3)), np.array([5.0, 0.1, 20.0])
     motors = [motor(str(k), units[k], np.linalg.norm(residual[:, k]), measured[k]) for k in range(3)]
     weights = np.array([1.0, 3.0, 0.5])
-    bench = SimpleNamespace(weights=weights, squares=lambda _: np.tile(measured**2 / 6, (6, 1)))
-    model = SimpleNamespace(device=SimpleNamespace(torque_units=units), measured_rows=range(3))
+    bench = SimpleNamespace(weights=weights, sizes=lambda _: measured**2)
+    model = SimpleNamespace(device=SimpleNamespace(torque_units=units, free_rows=(False,) * 3), known_rows=range(3))
     trial = SimpleNamespace(errors=residual**2 * weights**2, setting=None)
     assert unseen_percent(model, bench, trial) == pytest.approx(Validation(tuple(motors), False).relative)
     assert unseen_percent(model, bench, trial, 1) == pytest.approx(motors[1].relative)

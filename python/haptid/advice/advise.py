@@ -279,7 +279,7 @@ def _action(
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
     change = CHANGES[candidate.kind].format(where=where) + _size(one, _travel_unit(model))
     errors = stated(search, base, one.trial)
-    label = "" if errors.motor is None else model.device.row_labels[model.measured_rows[errors.motor]]
+    label = "" if errors.motor is None else model.device.row_labels[model.known_rows[errors.motor]]
     return Action(
         candidate.kind, candidate.places, change, "unseen error", errors.before, errors.after, errors.se,
         one.gain.share, adds, edits, bench.blocks, rivals, label,

@@ -91,5 +91,5 @@ def _upside_down(rows: Observation) -> Observation:
     for motion in rows.motions:
         plan, own = Plan.of(model, motion), tuple(b for b in rows.blocks if b.log == log_name(motion))
         parts = [plan.reduce(start, stop) for start, stop in row_ranges(plan, own)]
-        made.append(Observation(model, rows_by_motor(plan, parts, model.measured_rows), own, (motion,)))
+        made.append(Observation(model, rows_by_motor(plan, parts, model.known_rows), own, (motion,)))
     return concatenated(made)

@@ -194,8 +194,10 @@ def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[floa
 
 
 def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: float) -> Iterator[Source]:
-    """First-order effects on every row: of a delay, and of drift with time."""
+    """First-order effects on every row of a measured torque: of a delay, and of drift with time."""
     for k, row in enumerate(rows):
+        if row not in model.measured_rows:
+            continue
         label, own = model.device.row_labels[row], np.eye(len(model.device.active))[row]
 
         def rate(context: ResidualContext, r: int = row) -> Array:

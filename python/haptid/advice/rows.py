@@ -163,7 +163,7 @@ class BaseRows:
         most: int | None = None,
     ) -> BaseRows:
         """As `trial_rows` has them."""
-        own, chunks, block, log, before = model.measured_rows, [], [], [], 0
+        own, chunks, block, log, before = model.known_rows, [], [], [], 0
         plans = [
             (Plan.of(model, motion), Plan.of(model, there))
             for motion, there in zip(motions, like or motions, strict=True)

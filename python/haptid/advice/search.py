@@ -19,6 +19,7 @@ from haptid.advice.rows import BaseRows, TrialRows
 from haptid.advice.spoiled import SpoiledPart
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
+from haptid.estimation.method import FREE_SHARE
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import (
     FrictionCoordinate,
@@ -158,7 +159,7 @@ def search_of(
         columns: whether there are candidates with columns of their own.
     """
     motions = tuple(finer(motion) for motion in motions)
-    rows = list(model.measured_rows)
+    rows = list(model.known_rows)
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
     base = BaseRows.of(model, motions)
@@ -183,9 +184,10 @@ def search_of(
         setting = Setting(terms=(own,))
         made.append(TriedChange(source.kind, (source.place,), setting, (source,), (source.index,), what))
     labels = [model.device.row_labels[k] for k in rows]
-    for k, label in enumerate(labels):
+    measured = [k for k, row in enumerate(rows) if row in model.measured_rows]
+    for k, label in ((k, labels[k]) for k in measured):
         made.append(TriedChange("gain", (label,), Setting(free=(k,)), (), (k,)))
-    for i, j in combinations(range(len(rows)), 2):
+    for i, j in combinations(measured, 2):
         source_of = list(range(len(rows)))
         source_of[i], source_of[j] = j, i
         if bench.channel_factors[i, j]:
@@ -223,10 +225,11 @@ def _period(x: Array, e: Array, block: np.ndarray, used: np.ndarray) -> float:
 
 
 def weights_of(rows: TrialRows, base: int, beta: Array) -> Array:
-    """One over the rms residual of each motor, (motors,)."""
+    """One over the rms residual of each motor, (motors,); less where no torque is measured, as for a free joint."""
     e = np.where(rows.used, rows.y - np.einsum("mrp,p->mr", rows.W[:, :, :base], beta), 0.0)
     rms = np.sqrt((e**2).sum(axis=1) / np.maximum(rows.used.sum(axis=1), 1))
-    return np.asarray(1.0 / np.maximum(rms, 1e-9 * np.abs(rows.y).max()))
+    free = ~rows.y.any(axis=1) & rows.used.any(axis=1)
+    return np.asarray(np.where(free, FREE_SHARE, 1.0) / np.maximum(rms, 1e-9 * np.abs(rows.y).max()))
 
 
 def finer(motion: Motion) -> Motion:
@@ -239,18 +242,22 @@ def finer(motion: Motion) -> Motion:
 def scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
     """Torque of each motor's row per unit of its channel, (motors,); None where rows mix channels."""
     if motions[0].log is None:
-        return np.ones(len(model.measured_rows))
+        return np.ones(len(model.known_rows))
     if model.device.drive_varies.any():
         return None
     change = torque_map(model.device, motions[0].log)[list(model.measured_rows)]
     square = change.shape[0] == change.shape[1]
-    return np.diag(change) if square and not np.count_nonzero(change - np.diag(np.diag(change))) else None
+    if not square or np.count_nonzero(change - np.diag(np.diag(change))):
+        return None
+    made = np.ones(len(model.known_rows))  # a free joint has no channel
+    made[np.isin(model.known_rows, model.measured_rows)] = np.diag(change)
+    return made
 
 
 def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
     """Torque of each motor per torque of another motor if its channel were this one's; zero where rows mix channels."""
     change = scales(model, motions)
-    return np.eye(len(model.measured_rows)) if change is None else change[:, None] / change
+    return np.eye(len(model.known_rows)) if change is None else change[:, None] / change
 
 
 def unseen_percent(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> float:
@@ -272,10 +279,12 @@ def paired(model: DynamicModel, bench: Bench, before: Trial, after: Trial, motor
 
 def _factors(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None) -> Array:
     """Factors of the motors' squared residuals in the squared relative error of a motor, or of all, (motors,)."""
-    own = bench.squares(trial.setting).sum(axis=0)
+    own = bench.sizes(trial)
     if motor is not None:
         return np.asarray(np.eye(len(own))[motor] / max(own[motor], np.finfo(float).tiny))
-    return of_all_motors(own, [model.device.torque_units[k] for k in model.measured_rows])
+    driven = ~np.array([model.device.free_rows[k] for k in model.known_rows])
+    units = [model.device.torque_units[k] for k in model.known_rows]
+    return np.asarray(of_all_motors(own * driven, units) * driven)
 
 
 def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:

@@ -238,7 +238,7 @@ def trials_of(
 
 def _relative(bench: Bench, trial: Trial) -> Trial:
     """Errors over each motor's squared torque, over the number of motors: torques of other sides have other sizes."""
-    own = np.maximum(bench.squares(trial.setting).sum(axis=0), np.finfo(float).tiny)
+    own = np.maximum(bench.sizes(trial), np.finfo(float).tiny)
     return replace(trial, errors=trial.errors / bench.weights**2 / own / bench.motors)
 
 

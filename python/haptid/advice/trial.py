@@ -310,6 +310,15 @@ class Bench:
         """Squared torque of each block and motor, (blocks, motors)."""
         return self._squares(self.grams[setting.rows], setting)
 
+    def sizes(self, trial: Trial) -> Array:
+        """What squared errors of each motor are relative to, (motors,), (N m)^2 or N^2.
+
+        Its squared torque; where there is none, as of a free joint, half the squared terms, as `MotorRows.size`.
+        """
+        own, n = self.squares(trial.setting).sum(axis=0), len(self.kept)
+        lengths = self.grams[trial.setting.rows].lengths.sum(axis=0)[:, self.kept]
+        return np.asarray(np.where(own > 0, own, 0.5 * lengths @ trial.whole.theta[:n] ** 2))
+
     def errors(self, fitted: Fitted, setting: Setting, rows: str | None = None, part: slice = slice(None)) -> Array:
         """Squared errors of each block of a part and each motor, weighted, (blocks, motors)."""
         every, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors

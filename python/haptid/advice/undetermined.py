@@ -70,7 +70,9 @@ def absorbed(search: Trials, base: Trial, kinds: set[str]) -> list[str]:
         if independent[one.setting.terms[0][0][0]] < _TOLD:
             alike.append(f"{one.kind} ({one.places[0]})")
     error = 0.0 if kinds & {"gain", "unit", "torque sign"} else bench.errors(base.whole, Setting()).sum()
-    for k, row in reversed(list(enumerate(search.model.measured_rows))):
+    for k, row in reversed(list(enumerate(search.model.known_rows))):
+        if row not in search.model.measured_rows:
+            continue
         other = Setting(factors=((k, 1.5),))
         if bench.errors(bench.fit(other, every), other).sum() < 1.01 * error:
             alike.insert(0, f"gain of the torque ({search.model.device.row_labels[row]})")

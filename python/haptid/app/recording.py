@@ -106,7 +106,7 @@ class LiveRecording:
             "names": self.names,
             "positions": len(self.channels.position.channels),
             "units": [", ".join(dict.fromkeys(s.each_unit)) for s in (self.channels.position, self.channels.torque)],
-            "rows": [self.analysis.model.device.row_labels[k] for k in self.analysis.model.measured_rows],
+            "rows": [self.analysis.model.device.row_labels[k] for k in self.analysis.model.known_rows],
             "counts": asdict(receiver.recorder.counts),
             "broken": receiver.broken,
             "foreign": receiver.foreign,

@@ -286,8 +286,10 @@ class Device:
         """Labels of the torque rows: "motor 1", "joint 5"; "link 1" of a joint that springs alone move."""
         if self.torque_rows == "joint":
             return tuple(f"joint {name}" for name in self.row_names)
-        labels = ((drive.name.replace("_", " ", 1), f"motor {drive.name}") for drive in self.drives)
-        return tuple(a if drive.unloaded else b for drive, (a, b) in zip(self.drives, labels, strict=True))
+        return tuple(
+            drive.name.replace("_", " ", 1) if drive.unloaded else f"{'joint' if drive.free else 'motor'} {drive.name}"
+            for drive in self.drives
+        )
 
     @cached_property
     def measured(self) -> tuple[bool, ...]:
@@ -295,6 +297,18 @@ class Device:
         acts = (self.drive_rates != 0) | self.drive_varies
         acts[~self.unknown_torque] = False
         return tuple(bool(known) for known in ~acts.any(axis=0))
+
+    @cached_property
+    def free_rows(self) -> tuple[bool, ...]:
+        """Whether the torque of each row is zero: only joints act on it that nothing drives, by the file's word."""
+        acts = (self.drive_rates != 0) | self.drive_varies
+        free = np.array([drive.free for drive in self.drives])
+        return tuple(bool(own) for own in acts[free].any(axis=0) & ~acts[~free].any(axis=0))
+
+    @cached_property
+    def known(self) -> tuple[bool, ...]:
+        """Whether the torque of each row is known: measured, or zero."""
+        return tuple(a or b for a, b in zip(self.measured, self.free_rows, strict=True))
 
     @cached_property
     def coordinate_units(self) -> tuple[str, ...]:

@@ -125,6 +125,8 @@ class Motor:
         command_unit: N m, N, V, A or counts.
         row: the coordinate as a combination of all joints' positions, (joints,).
         motorised: False for an active joint without motor.
+        free: whether it is a joint without motor of which the file says that its torque is zero: nothing drives it, and
+            no hand holds it.
         load_side: of an elastic motor, the coordinate on the other side of its spring as a combination of all joints'
             positions, (joints,); `row` is its rotor. None for a rigid motor.
         unloaded: whether it is a joint without motor that springs alone move, so that its torque is known to be zero.
@@ -143,6 +145,7 @@ class Motor:
     unloaded: bool = False
     sensed: Array | None = None
     sensor: bool = False
+    free: bool = False
 
     def __post_init__(self) -> None:
         freeze_fields(self, "row", *(name for name in ("load_side", "sensed") if getattr(self, name) is not None))

@@ -161,12 +161,12 @@ def random_regressor(model: DynamicModel, seed: int, columns: int | None = None)
     """
     rng = np.random.default_rng(seed)
     S = model.device.parameters.S
-    states = 4 + -(-4 * (S.shape[1] if columns is None else columns) // max(sum(model.device.measured), 1))
+    states = 4 + -(-4 * (S.shape[1] if columns is None else columns) // max(sum(model.device.known), 1))
     c = model.device.row_map @ model.device.closure.draw(rng, states)
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     # What is left of the motion before is any number: laws with other constants then differ.
     history = {name: rng.uniform(-1, 1, states) for name in model.history(c, cd, np.zeros(states))}
-    Y = rows(model, c, cd, cdd, history)[list(model.device.measured)]
+    Y = rows(model, c, cd, cdd, history)[list(model.device.known)]
     return np.asarray(Y.transpose(0, 2, 1).reshape(-1, Y.shape[1]) @ S)
 
 

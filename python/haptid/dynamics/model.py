@@ -100,9 +100,14 @@ class DynamicModel:
         return tuple(k for k, measured in enumerate(self.device.measured) if measured)
 
     @cached_property
+    def known_rows(self) -> tuple[int, ...]:
+        """Indices of the torque rows whose torque is measured, or known to be zero: those of the regression."""
+        return tuple(k for k, known in enumerate(self.device.known) if known)
+
+    @cached_property
     def unmeasured_labels(self) -> tuple[str, ...]:
-        """Labels of the torque rows whose torque is not measured."""
-        return tuple(x for k, x in enumerate(self.device.row_labels) if k not in self.measured_rows)
+        """Labels of the torque rows whose torque is not known."""
+        return tuple(x for k, x in enumerate(self.device.row_labels) if k not in self.known_rows)
 
     @cached_property
     def base(self) -> BaseParameters:

@@ -180,9 +180,9 @@ def check_finite(name: str, array: ArrayLike) -> None:
 
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
-    """Residual RMS of each measured torque row, (rows,), N m or N."""
+    """Residual RMS of each known torque row, (rows,), N m or N."""
     errors = (validation or fit_errors(estimate)).motors
-    expect("validation.motors", (len(errors),), (sum(estimate.model.device.measured),))
+    expect("validation.motors", (len(errors),), (sum(estimate.model.device.known),))
     return np.array([error.rmse for error in errors])
 
 
@@ -270,7 +270,7 @@ def _spread(parts: Iterable[Array], errors: Array) -> Array:
 
 def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: float) -> Lever:
     """Map from torques to wrenches at these poses; the moment is unknown if not given and rows are six or more."""
-    rows, handle = list(estimate.model.measured_rows), handle_motion(estimate.model, qa)
+    rows, handle = list(estimate.model.known_rows), handle_motion(estimate.model, qa)
     unknown = 6 if len(acting_rows(handle, rows)) >= 6 and not given else 3
     return lever(handle, rows, noise, unknown, worst)
 

@@ -118,8 +118,8 @@ def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
     pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in chunks(model, motion))
     t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
     return TorqueDecomposition(
-        motors=tuple(model.device.row_labels[k] for k in model.measured_rows),
-        units=tuple(model.device.torque_units[k] for k in model.measured_rows),
+        motors=tuple(model.device.row_labels[k] for k in model.known_rows),
+        units=tuple(model.device.torque_units[k] for k in model.known_rows),
         t=freeze(t),
         parts=(*RIGID, *terms),
         torque=freeze(torque),

@@ -404,7 +404,7 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         fit=fit,
         intervals=intervals,
         quantities=quantities,
-        classical_covariance=solution.classical_covariance(fit.unit_residual),
+        classical_covariance=fit.classical_covariance,
         weights=fit.weights if own else np.array([WLS().weight(m, solution.beta) for m in observation.motors]),
         status=status,
         notes=notes,

@@ -10,9 +10,15 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from haptid._internal.arrays import Array, positive, whole
-from haptid.errors import ConvergenceError, setting_error
+from haptid.errors import ConvergenceError, SettingError, setting_error
 from haptid.estimation.least_squares import Knowledge, Solution
-from haptid.observation.observation import Observation
+from haptid.observation.observation import Observation, stacked
+
+# Weight of a free joint's rows beside those of a motor with the same residual. Their torque is zero at any scale of the
+# parameters, and what noise of the positions leaves of it is the less the smaller these are: with full weight, n rows
+# pull all parameters towards zero by about n over the squared ratio of signal to noise that the motors' rows have of
+# them together. With a tenth of the weight the pull is a hundredth of it, and what no motor's row tells is found alike.
+FREE_SHARE = 0.1
 
 # Leverage above which a block alone determines a direction: without it the fit is singular.
 ALONE = 1.0 - 1e-6
@@ -119,6 +125,16 @@ class Fit:
         if self.moved_scores is not None:
             s[present] += self.moved_scores[present]
         return BlockMoments(G[present], s[present], np.flatnonzero(present))
+
+    @cached_property
+    def classical_covariance(self) -> Array:
+        """Classical (nonrobust) covariance, valid for white residuals, (p, p); rows of free joints count as they do."""
+        made = self.solution.classical_covariance(self.unit_residual)
+        less = np.array([FREE_SHARE if motor.free else 1.0 for motor in self.observation.motors])
+        if not self.unit_residual or (less == 1.0).all():
+            return made
+        U = stacked(self.observation.motors, self.weights * less, len(self.solution.beta))[:, :-1] @ made
+        return np.asarray(U.T @ U)
 
     @cached_property
     def moved_scores(self) -> Array | None:
@@ -235,8 +251,19 @@ class UnitVarianceRows:
     unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """One for each motor, (motors,)."""
-        return np.ones(len(observation.motors))
+        """One for each motor, less for a free joint, (motors,)."""
+        return np.array([FREE_SHARE if motor.free else 1.0 for motor in observation.motors])
+
+
+def expect_motors(method: str, observation: Observation) -> None:
+    """Raise SettingError where rows are of free joints: `method` takes every row for a measured torque with noise."""
+    if free := ", ".join(motor.label for motor in observation.motors if motor.free):
+        raise SettingError(
+            f"{method} takes the torque of every row as measured, and nothing drives {free}.",
+            where="method",
+            found=method,
+            advice='Use WLS or IRLS, or leave torque = "zero" out of the device file.',
+        )
 
 
 def only_weights_rows(method: Method) -> bool:

@@ -23,7 +23,7 @@ from haptid.estimation.intervals.covariance import Intervals
 from haptid.estimation.least_squares import solve, unexcited
 from haptid.estimation.method import expect_whole
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.observation import Observation
 from haptid.observation.plan import LEAST_BLOCKS, Block
 from haptid.observation.r_factor import r_factor
 
@@ -157,7 +157,7 @@ class RecursiveIdentification:
         motors = []
         for m, motor in enumerate(self._like.motors):
             stack = np.sqrt(weights)[:, None, None] * np.array([own[m] for own in self._stacks])
-            rows = MotorRows(motor.name, motor.label, motor.unit, motor.columns, freeze(stack), counts[m])
+            rows = replace(motor, r_factors=freeze(stack), rows=counts[m], rounding=0.0)
             rows.__dict__["whole"] = freeze(self._whole[m])  # known, and not to be computed again
             motors.append(rows)
         return Observation(self.model, tuple(motors), tuple(self._blocks), ())

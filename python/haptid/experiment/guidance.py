@@ -154,7 +154,7 @@ class MotionGuide:
     def _torque(self, estimate: Estimate) -> Array:
         """Root mean square of each measured torque so far, (measured,)."""
         motors = estimate.fit.observation.motors
-        size = np.array([motor.norm / np.sqrt(max(1, int(motor.rows.sum()))) for motor in motors])
+        size = np.array([motor.size(estimate.beta) / np.sqrt(max(1, int(motor.rows.sum()))) for motor in motors])
         return np.asarray(np.maximum(size, 1e-6 * max(float(size.max()), np.finfo(float).tiny)), dtype=np.float64)
 
     def _known(self, estimate: Estimate, weights: Array, torque: Array) -> tuple[Array, Array]:
@@ -193,7 +193,7 @@ class MotionGuide:
         """W'W of each measured row in the mean over some states of the active joints, (measured, p, p)."""
         S = self.model.device.parameters.S[:, list(self.model.base.independent_columns)]
         B = np.asarray(self.model.device.row_map)
-        W = regressor_columns(self.model, B @ q, B @ qd, B @ qdd, S)[list(self.model.measured_rows)]
+        W = regressor_columns(self.model, B @ q, B @ qd, B @ qdd, S)[list(self.model.known_rows)]
         return np.asarray(W @ W.transpose(0, 2, 1) / q.shape[1], dtype=np.float64)
 
     @cached_property

@@ -221,7 +221,9 @@ def coordinate_lines(model: DynamicModel) -> list[str]:
         drive = model.device.drives[k]
         if model.device.torque_rows == "motor" and drive.motorised:
             parts.append(_command(drive, torque))
-        if not model.device.measured[k]:
+        if model.device.free_rows[k]:
+            parts.append("no motor: torque zero")
+        elif not model.device.measured[k]:
             parts.append("no motor: parameters identifiable only through other rows")
         lines += textwrap.wrap(c_comment(f"q[{k}] {'; '.join(parts)}"), _WIDTH, subsequent_indent="     ")
     return lines

@@ -74,7 +74,7 @@ def gimbal_effect(estimate: Estimate) -> GimbalEffect | None:
     squares = np.mean([np.mean(torque_bound(model, motion) ** 2, axis=1) for motion in observation.motions], axis=0)
     own = [model.device.row_names.index(motor.name) for motor in observation.motors]
     rows = np.array([motor.rows.sum() for motor in observation.motors])
-    norms = np.array([motor.norm for motor in observation.motors])
+    norms = np.array([motor.size(estimate.beta) for motor in observation.motors])
     displaced = np.sqrt(squares[own] * rows)
     root = estimate.fit.solution.root
     unit = np.sqrt(np.einsum("pk,pk->p", root, root))

@@ -50,7 +50,7 @@ def clusters_with_misfit(estimate: Estimate) -> Clusters:
 def _shifts(estimate: Estimate) -> Array:
     """Change of the base parameters by the most significant missing term of each friction coordinate, (n, p), SI."""
     p, none = len(estimate.beta), np.zeros((0, len(estimate.beta)))
-    small = [m.residual(estimate.beta) <= _EXACT * m.norm for m in estimate.observation.motors]
+    small = [m.residual(estimate.beta) <= _EXACT * m.size(estimate.beta) for m in estimate.observation.motors]
     if all(small) or isinstance(estimate.method, PointEstimate):
         return none
     part = subsample(estimate)

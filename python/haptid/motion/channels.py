@@ -272,10 +272,11 @@ def _expect_torque_of_springs(device: Device) -> None:
 def _without_known_torque(device: Device) -> set[str]:
     """Names of active joints that no motor moves, by passive joints of a loop neither.
 
-    That of a joint behind an elastic motor is known to be zero: there a spring is in a row of its own.
+    That of a joint behind an elastic motor, and of a free one, is known to be zero: a spring is in a row of its own.
     """
     rates = np.abs(device.closure.constant) + device.closure.varying
-    known = (np.abs(device.drive_rows[~device.unknown_torque]) @ rates).any(axis=0)
+    free = np.array([drive.free for drive in device.drives])
+    known = (np.abs(device.drive_rows[~device.unknown_torque | free]) @ rates).any(axis=0)
     return {device.joints[k].name for k, own in zip(device.active, known, strict=True) if not own}
 
 

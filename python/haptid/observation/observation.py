@@ -43,6 +43,7 @@ class MotorRows:
         rows: rows reduced into each block, (blocks,).
         rounding: RMS error by the steps of the torque channel, as far as the filter leaves it, N m or N; 0 where it is
             not known, or where rows are scaled.
+        free: whether it is no motor but a joint that nothing drives, and y is zero by that.
     """
 
     name: str
@@ -52,6 +53,7 @@ class MotorRows:
     r_factors: Array
     rows: np.ndarray
     rounding: float = 0.0
+    free: bool = False
 
     def __post_init__(self) -> None:
         size = len(self.columns) + 1
@@ -74,6 +76,17 @@ class MotorRows:
     def norm(self) -> float:
         """Norm of y over the motor's rows, N m or N."""
         return float(np.linalg.norm(self.whole[:, -1]))
+
+    def size(self, beta: Array) -> float:
+        """What errors of the rows are relative to, for all base parameters beta, N m or N.
+
+        The norm of y; of a free joint, where y is zero, the root of half the sum of squares of the terms that cancel:
+        for two of them the norm of each.
+        """
+        if not self.free:
+            return self.norm
+        terms = np.linalg.norm(self.whole[:, :-1], axis=0) * beta[self.columns]
+        return float(np.linalg.norm(terms) / np.sqrt(2.0))
 
     def pick(self, blocks: np.ndarray) -> MotorRows:
         """Some blocks, by index."""
@@ -250,7 +263,7 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     Raises:
         NoRowsError: every row of every motor was dropped as too slow.
     """
-    motion, motors = plan.motion, rows_by_motor(plan, parts, plan.model.measured_rows)
+    motion, motors = plan.motion, rows_by_motor(plan, parts, plan.model.known_rows)
     if not any(motor.rows.any() for motor in motors):
         speed, log = motion.treatment.reversal_speed, f"{motion.log.path.name}: " if motion.log else ""
         raise NoRowsError(
@@ -279,6 +292,7 @@ def rows_by_motor(plan: Plan, parts: Sequence[RFactors], device_rows: Iterable[i
             freeze(np.concatenate([stack[k][1] for stack, _ in parts])),
             rows[k],
             float(rounding[k]),
+            device.free_rows[k],
         )
         for k in device_rows
     )

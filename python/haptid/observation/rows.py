@@ -50,7 +50,7 @@ class Chunk:
     @staticmethod
     def of(plan: Plan, start: int, stop: int) -> Chunk:
         """Rows start..stop of a plan, of all motors whose torque is measured."""
-        measured = (k for k, known in enumerate(plan.model.device.measured) if known)
+        measured = (k for k, known in enumerate(plan.model.device.known) if known)
         return Chunk(plan, start, stop, plan.model, tuple(measured))
 
     @cached_property
@@ -215,7 +215,7 @@ class Rows:
                 for T, own, W, y in zip(r_factors, reached, changed.W, changed.y, strict=True):
                     T[k] = r_factor(np.column_stack([W[start:stop, own], y[start:stop]]))
         motors = tuple(
-            MotorRows(motor.name, motor.label, motor.unit, np.array(own), freeze(T), rows)
+            MotorRows(motor.name, motor.label, motor.unit, np.array(own), freeze(T), rows, free=motor.free)
             for motor, own, T, rows in zip(observation.motors, reached, r_factors, counts, strict=True)
         )
         before = observation.change

@@ -142,7 +142,7 @@ class RowStream:
             motion, first = self._motion(low, high), self._first + begin * d - low
             own = (motion, self._filter, first, count, self._block, self._guard)
             plan = Plan(self.model, *own, *self.model.needed)
-            motors = rows_by_motor(plan, [plan.reduce(0, count)], plan.model.measured_rows)
+            motors = rows_by_motor(plan, [plan.reduce(0, count)], plan.model.known_rows)
             if any(motor.rows.any() for motor in motors):  # not where the device rests: there is nothing to learn
                 yield Observation(self.model, motors, self._blocks(begin, begin + count), (motion,))
         self._rows += max(rows, 0)

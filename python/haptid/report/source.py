@@ -202,7 +202,7 @@ class ReportSource:
 def track(estimate: Estimate, run: Run) -> Track:
     """The treated rows of one log."""
     model, motion = estimate.model, run.motion
-    chi, rows = raw_parameters(model, estimate.beta), [k for k, known in enumerate(model.device.measured) if known]
+    chi, rows = raw_parameters(model, estimate.beta), [k for k, known in enumerate(model.device.known) if known]
     parts = (
         (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows]) for s in chunks(model, motion)
     )

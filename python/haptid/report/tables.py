@@ -175,8 +175,8 @@ def parameter_cells(p: Parameter) -> list[str]:
 
 def error_table(runs: tuple[Run, ...], row: str) -> Table:
     """Relative error by log and motor."""
-    motors = [m.name for m in runs[0].observation.motors]
-    headings = [f"{row} {motor}" for motor in motors] if len(motors) > 1 else []
+    motors = runs[0].observation.motors
+    headings = [m.label if m.free else f"{row} {m.name}" for m in motors] if len(motors) > 1 else []
     validations = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
     rows = [([path, *cells], False) for path, v in validations for cells in error_lines(v, len(motors))]
     return table("\nRelative error of the torque, %", ("log", "rows", "all", *headings), rows, left=("rows",))

@@ -339,6 +339,7 @@ def _clusters_beside(path: Path, size: int) -> Clusters | None:
 def _validations(errors: Iterable[ErrorTable], model: DynamicModel, rows: str) -> Iterator[Validation]:
     """Errors motor by motor are one validation; each ends with the entry of all motors."""
     labels = dict(zip(model.device.row_names, model.device.row_labels, strict=True))
+    free = {name for name, own in zip(model.device.row_names, model.device.free_rows, strict=True) if own}
     motors: list[MotorError] = []
     for e in errors:
         if e.rows != rows:
@@ -347,7 +348,8 @@ def _validations(errors: Iterable[ErrorTable], model: DynamicModel, rows: str) -
             yield Validation(tuple(motors), rows == "fit")
             motors = []
         else:
-            motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
+            label = labels.get(e.motor, e.motor)
+            motors.append(MotorError(e.motor, label, e.unit, e.residual, e.measured, e.count, e.motor in free))
 
 
 def _fault(path: Path, problem: str, key: str | None = None) -> ResultFileError:

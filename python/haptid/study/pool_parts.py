@@ -97,7 +97,7 @@ class PoolParts(KeptParts):
     def write(self, study: str, file: DataFile, one: ReducedFile) -> None:
         """Keep what a file was reduced to."""
         motors = [
-            {"name": motor.name, "label": motor.label, "unit": motor.unit, "rounding": motor.rounding}
+            {name: getattr(motor, name) for name in ("name", "label", "unit", "rounding", "free")}
             for motor in one.motors
         ]
         blocks = [(block.log, block.start, block.stop) for block in one.blocks]

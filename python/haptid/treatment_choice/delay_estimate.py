@@ -269,7 +269,7 @@ def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usua
         rows = observe(model, *(with_delay(motion, _setting(delay)) for motion in whole))
         loss = np.zeros(LOG_PARTS * len(whole))
         part = parts_of(rows, [motion.log for motion in whole if motion.log is not None])
-        for motor in rows.motors:
+        for motor in (own for own in rows.motors if not own.free):
             e = motor.r_factors[:, :, -1] - motor.r_factors[:, :, :-1] @ beta[motor.columns]
             np.add.at(loss, part, (e**2).sum(axis=1) / max(motor.norm**2, np.finfo(float).tiny))
         losses.append(loss)

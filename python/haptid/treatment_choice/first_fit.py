@@ -69,7 +69,9 @@ def least_squares(observation: Observation) -> Array:
     weights, none = np.ones(len(observation.motors)), np.zeros((0, len(observation.base) + 1))
     for _ in range(2):
         beta = solve_excited(observation.motors, weights, none).beta
-        weights = np.array([WLS().weight(motor, beta) if motor.norm else 1.0 for motor in observation.motors])
+        weights = np.array(
+            [WLS().weight(motor, beta) if motor.norm or motor.free else 1.0 for motor in observation.motors]
+        )
     return beta
 
 

@@ -168,7 +168,10 @@ class MotionFilters:
         follows: dict[str, Any] = {"parallel_cutoff_hz": parallel, "decimation": decimation}
         if "cutoff_hz" not in given:
             # Two digits more than the differences between cut-offs matter for.
-            follows["cutoff_hz"] = self._position_cutoffs(parallel)
+            free = any(self.model.device.free_rows)
+            # What a position filter removes is missed in a measured torque, and balances noise. A free joint has no
+            # torque: there it only bends the motion, of large angles most.
+            follows["cutoff_hz"] = self._position_cutoffs(max(parallel, self.parallel(USUAL)) if free else parallel)
         if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
             follows["reversal_speed"] = self.reversal_speed
         if all_rows and any(self.rest_speed):

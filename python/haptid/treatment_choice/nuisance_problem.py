@@ -64,7 +64,7 @@ class NuisanceProblem:
             chi: parameters of the core's columns that the slopes are computed with, (r,), SI.
             columns: of each motion, each with its nuisance; those of one nuisance and motor are added.
         """
-        p, rows = len(beta), [int(k) for k in np.flatnonzero(model.device.measured)]
+        p, rows = len(beta), [int(k) for k in np.flatnonzero(model.device.known)]
         blocks: list[Block] = []
         parts = []
         for motion, own in zip(motions, columns, strict=True):

@@ -82,7 +82,7 @@ def _losses(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, judg
         except (NoRowsError, IdentifiabilityError):
             return None
         unseen = other % 2 != parity
-        for motor in judged.motors:
+        for motor in (own for own in judged.motors if not own.free):
             T = motor.r_factors[unseen]
             e = T[:, :, -1] - T[:, :, :-1] @ beta[motor.columns]
             np.add.at(losses, other[unseen], (e**2).sum(axis=1) / max(motor.norm**2, np.finfo(float).tiny))

@@ -300,7 +300,7 @@ def _least_uncertain(usual: _Choice) -> _Choice:
     def better(best: _Choice, filters: MotionFilters, times: float) -> _Choice:
         return best if _cuts(usual, filters, times) else _better(best, filters, times)
 
-    if "cutoff_hz" not in given:
+    if "cutoff_hz" not in given and not any(usual.filters.model.device.free_rows):
         for lower in takewhile(lambda lower: not _cuts(usual, usual.filters.lowered(lower), usual.times), _LOWER):
             best = _better(best, best.filters.lowered(lower), usual.times)
     if "parallel_cutoff_hz" not in given:

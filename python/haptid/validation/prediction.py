@@ -54,7 +54,7 @@ def predict(estimate: Estimate, motion: Motion) -> Prediction:
 def predictions(estimate: Estimate, motion: Motion) -> Iterator[Prediction]:
     """Predictions chunk by chunk, for motions whose rows do not fit in memory together."""
     device, chi = estimate.model.device, raw_parameters(estimate.model, estimate.beta)
-    rows = [k for k, known in enumerate(device.measured) if known]
+    rows = [k for k, known in enumerate(device.known) if known]
     names, units = (tuple(every[k] for k in rows) for every in (device.row_labels, device.torque_units))
     for chunk in chunks(estimate.model, motion):
         yield Prediction(names, units, chunk.t, chunk.measured(), chunk.torque(chi), chunk.used)

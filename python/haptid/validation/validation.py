@@ -27,6 +27,8 @@ class MotorError:
         motor, label, unit: "1", "motor 1", N m or N.
         residual, measured: norm(y - y_hat) and norm(y) of the treated torque, at the joint side.
         rows: number of rows.
+        free: whether it is no motor but a joint that nothing drives: `measured` is then the size of the terms that are
+            to cancel, see `MotorRows.size`.
     """
 
     motor: str
@@ -35,6 +37,7 @@ class MotorError:
     residual: float
     measured: float
     rows: int
+    free: bool = False
 
     @property
     def relative(self) -> float:
@@ -78,7 +81,7 @@ class Validation:
     @property
     def mixed(self) -> bool:
         """Whether the motors' torques have different units."""
-        return len({m.unit for m in self.motors}) > 1
+        return len({m.unit for m in self.motors if not m.free}) > 1
 
     @property
     def together(self) -> str:
@@ -87,18 +90,20 @@ class Validation:
 
     @property
     def relative(self) -> float:
-        """Relative error of all motors, per cent, as `of_all_motors` defines it."""
-        residual, measured = (np.array([getattr(m, key) for m in self.motors]) for key in ("residual", "measured"))
+        """Relative error of all motors, per cent, as `of_all_motors` defines it; without free joints."""
+        driven = [m for m in self.motors if not m.free]
+        residual, measured = (np.array([getattr(m, key) for m in driven]) for key in ("residual", "measured"))
         if not measured.any():
             return percent(float(np.linalg.norm(residual)), 0.0)
-        return float(100 * np.sqrt(of_all_motors(measured**2, [m.unit for m in self.motors]) @ residual**2))
+        return float(100 * np.sqrt(of_all_motors(measured**2, [m.unit for m in driven]) @ residual**2))
 
     @property
     def small(self) -> tuple[tuple[MotorError, float], ...]:
         """Motors that carry hardly any of the torque in their unit, with their share of its RMS."""
-        squares, units = np.array([m.rms**2 for m in self.motors]), [m.unit for m in self.motors]
+        driven = [m for m in self.motors if not m.free]
+        squares, units = np.array([m.rms**2 for m in driven]), [m.unit for m in driven]
         judged, share = carrying(squares, units), shares_of_torque(squares, units)
-        return tuple((m, float(share[k])) for k, m in enumerate(self.motors) if not judged[k])
+        return tuple((m, float(share[k])) for k, m in enumerate(driven) if not judged[k])
 
     @property
     def silent(self) -> tuple[MotorError, ...]:
@@ -109,7 +114,7 @@ class Validation:
     def largest(self) -> MotorError:
         """The motor with the largest relative error, of those that carry torque."""
         small = [m for m, _ in self.small]
-        return max((m for m in self.motors if m not in small), key=lambda motor: motor.relative)
+        return max((m for m in self.motors if m not in small and not m.free), key=lambda motor: motor.relative)
 
     def summary(self) -> str:
         """Text table: motor, relative error, RMSE, rows."""
@@ -208,7 +213,7 @@ def _compare(estimate: Estimate, observation: Observation, seen: bool) -> Valida
     if not observation.model.is_same_as(estimate.model):
         raise different_models(estimate.model, observation.model)
     errors = (
-        MotorError(m.name, m.label, m.unit, m.residual(estimate.beta), m.norm, int(m.rows.sum()))
+        MotorError(m.name, m.label, m.unit, m.residual(estimate.beta), m.size(estimate.beta), int(m.rows.sum()), m.free)
         for m in observation.motors
     )
     return Validation(tuple(errors), seen)

@@ -41,7 +41,7 @@ from haptid.device.terms.term import TermColumn
 from haptid.device.toml.ball_joints import with_revolute_joints
 from haptid.device.toml.errors_at import Place, first_error
 from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, MirrorTable, SymmetryTable
-from haptid.device.toml.transmission import read_distribution, read_drives, torque_rows
+from haptid.device.toml.transmission import free_joints, read_distribution, read_drives, torque_rows, without_rows
 from haptid.errors import DeviceFileError, suggestion
 
 # Name of the fixed link.
@@ -195,6 +195,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         notes=(
             *parameters.leaving,
             *moving.notes,
+            *without_rows(moving.drives),
             *unused_priors(prior, parameters.index),
         ),
         tables=tables,
@@ -239,7 +240,8 @@ def _moving(
 ) -> _Moving:
     active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
     closure, notes = closing(joints, active, loops)
-    drives = read_drives(tables.motors, joints, active, closure, reader, place.at("motors"))
+    free = free_joints(tables, active, place.at("joints"))
+    drives = read_drives(tables.motors, joints, active, free, closure, reader, place.at("motors"))
     if elastic := elastic_motors(tables.terms, drives, place.at("terms")):
         joints, drives = with_rotors(joints, drives, elastic)
         active = (*active, *range(len(tables.joints), len(joints)))

@@ -31,6 +31,7 @@ class JointTable(Table):
     type: Literal["revolute", "prismatic"] = "revolute"
     body: bool = True
     active: bool | None = None
+    torque: Literal["zero"] | None = None
     limits: _Limits = _Limits.model_construct()
 
 

@@ -88,7 +88,8 @@ def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
             sign = "-" if factor < 0 else "+" if coordinate else ""
             coordinate += f" {sign} {size}q{name}" if coordinate else f"{sign}{size}q{name}"
     if not drive.motorised:
-        return (drive.name, coordinate, "-", "-", "springs" if drive.unloaded else "no motor")
+        why = "springs" if drive.unloaded else "none, torque zero" if drive.free else "no motor"
+        return (drive.name, coordinate, "-", "-", why)
     return (drive.name, coordinate, f"{drive.gear_ratio:.8g}", f"{drive.torque_constant:.8g}", drive.command_unit)
 
 

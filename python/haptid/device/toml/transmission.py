@@ -13,7 +13,8 @@ from haptid.device.geometry import Reader
 from haptid.device.loops.formula import AnyClosure
 from haptid.device.parts import DistributionLaw, Joint, Motor
 from haptid.device.toml.errors_at import Place
-from haptid.device.toml.schema import MotorTable, TransmissionTable
+from haptid.device.toml.schema import AnyDevice, MotorTable, TransmissionTable
+from haptid.device.toml.terms import ElasticTerm
 from haptid.errors import DeviceFileError
 
 # Ratio of singular values below which a transmission matrix counts as singular.
@@ -22,24 +23,62 @@ _SINGULAR = 1e-9
 _POSES = 8
 
 
+def free_joints(tables: AnyDevice, active: Sequence[int], place: Place) -> frozenset[int]:
+    """Indices of the joints whose torque the file states to be zero.
+
+    Raises:
+        DeviceFileError: a loop moves one of them, all joints are such, or the file has elastic motors.
+    """
+    free = frozenset(k for k, table in enumerate(tables.joints) if table.torque == "zero")
+    for k in sorted(free - set(active)):
+        found = f'joint "{tables.joints[k].name}" has torque = "zero", and a loop moves it'
+        raise place.at(k, "torque").error(found, "Leave the key out: its balance is in the rows of the active joints.")
+    if free and free.issuperset(active):
+        raise place.at(min(free), "torque").error(
+            "no motor drives any joint: where all torques are zero, the motion shows parameters only up to a common "
+            "factor, such as friction over inertia",
+            "Leave out one key, map the torque of that joint, and record motion that it drives.",
+        )
+    if free and any(isinstance(term, ElasticTerm) for term in tables.terms):
+        raise place.at(min(free), "torque").error(
+            "the file has elastic motors, with which rows of zero torque are not available", "Leave the key out."
+        )
+    return free
+
+
+def without_rows(drives: Sequence[Motor]) -> tuple[str, ...]:
+    """A sentence on the joints whose torque is not known, so that they have no row."""
+    names = [drive.name for drive in drives if not (drive.motorised or drive.unloaded or drive.free)]
+    if not names:
+        return ()
+    one = len(names) == 1
+    return (
+        f"{'Joint' if one else 'Joints'} {', '.join(names)} {'has' if one else 'have'} no motor, and what moves "
+        f"{'it' if one else 'them'} is not known: {'it has' if one else 'they have'} no row of torque. Where nothing "
+        'does, no hand and no brake, torque = "zero" in the table of the joint adds one.',
+    )
+
+
 def read_drives(
     tables: Sequence[MotorTable],
     joints: Sequence[Joint],
     active: tuple[int, ...],
+    free: frozenset[int],
     closure: AnyClosure,
     reader: Reader,
     place: Place,
 ) -> tuple[Motor, ...]:
     """The motors in order, then a drive without motor for every active joint that no motor moves.
 
-    A file without motors has one motor for each active joint, with gear ratio 1 and torque constant 1.
+    A file without motors has one motor for each active joint that is not free, with gear ratio 1 and torque constant 1.
 
     Raises:
-        DeviceFileError: a motor drives no joint, or the motors do not determine the active joints.
+        DeviceFileError: a motor drives no joint, or a free one, or the motors do not determine the active joints.
     """
     unit_rows = np.eye(len(joints))
     if not tables:
-        return tuple(_plain(joints[j], unit_rows[j]) for j in active)
+        ordered = sorted(active, key=lambda j: j in free)
+        return tuple(_plain(joints[j], unit_rows[j], j not in free, j in free) for j in ordered)
     drives: list[Motor] = []
     for k, table in enumerate(tables):
         taken = [drive.name for drive in drives]
@@ -48,11 +87,15 @@ def read_drives(
         drives.append(_motor(table, [joint.name for joint in joints], reader, place.at(k)))
     reached = (closure.constant != 0) | closure.varying
     driven = np.any([reached[drive.row != 0].any(axis=0) for drive in drives], axis=0)
+    for j in (active[k] for k in np.flatnonzero(driven)):
+        if j in free:
+            found = f'joint "{joints[j].name}" has torque = "zero", and a motor moves it'
+            raise place.error(found, "Remove one of the two.")
     for k in np.flatnonzero(~driven).tolist():
         name = joints[active[k]].name
         if name in [drive.name for drive in drives]:
             raise place.taken("motor", name, f"joint {name}, which has no motor and is a drive of its own")
-        drives.append(_plain(joints[active[k]], unit_rows[active[k]], motorised=False))
+        drives.append(_plain(joints[active[k]], unit_rows[active[k]], False, active[k] in free))
     _check(np.array([drive.row for drive in drives]), closure, len(tables), place)
     return tuple(drives)
 
@@ -108,9 +151,9 @@ def read_distribution(
     return DistributionLaw(weights, preload)
 
 
-def _plain(joint: Joint, row: Array, motorised: bool = True) -> Motor:
+def _plain(joint: Joint, row: Array, motorised: bool, free: bool) -> Motor:
     """A drive that is the joint itself."""
-    return Motor(joint.name, 1.0, 1.0, "N" if joint.prismatic else "N m", row, motorised)
+    return Motor(joint.name, 1.0, 1.0, "N" if joint.prismatic else "N m", row, motorised, free=free)
 
 
 def _motor(table: MotorTable, joints: list[str], reader: Reader, place: Place) -> Motor:

@@ -430,9 +430,9 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
 
 def measured_rows(device: Device) -> SymbolicRows:
     """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
-    if all(device.measured):
+    if all(device.known):
         return None
-    chosen = np.linalg.inv(device.row_map).T[list(device.measured)]
+    chosen = np.linalg.inv(device.row_map).T[list(device.known)]
     return tuple(tuple(ratio(float(x)) for x in row) for row in chosen)
 
 

@@ -31,7 +31,7 @@ class Classical:
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""
-        covariance = fit.solution.classical_covariance(fit.unit_residual)
+        covariance = fit.classical_covariance
         if combinations is not None:
             covariance = combinations @ covariance @ combinations.T
         dof = np.full(len(covariance), float(fit.solution.dof))

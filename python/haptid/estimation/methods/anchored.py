@@ -86,7 +86,7 @@ def reference_torque(observation: Observation) -> Array:
     speed, acceleration = _scales(model, observation.motions)
     cd, cdd = speed[:, None] * rng.standard_normal(c.shape), acceleration[:, None] * rng.standard_normal(c.shape)
     columns, selection = model.needed
-    Y = rows(model, c, cd, cdd)[list(model.measured_rows)][:, list(columns)]
+    Y = rows(model, c, cd, cdd)[list(model.known_rows)][:, list(columns)]
     level = np.array([motor.norm / np.sqrt(max(int(motor.rows.sum()), 1)) for motor in observation.motors])
     level = np.where(level > 0, level, level.max())
     W = (Y / level[:, None, None]).transpose(0, 2, 1).reshape(-1, len(columns)) @ selection / np.sqrt(_STATES)

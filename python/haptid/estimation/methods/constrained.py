@@ -339,7 +339,7 @@ def costs(motors: Sequence[MotorRows], free: Array, constrained: Array) -> tuple
     """Relative residuals by motor of two sets of base parameters, each (p,)."""
 
     def relative(motor: MotorRows, beta: Array) -> float:
-        return 100 * motor.residual(beta) / motor.norm if motor.norm > 0 else 0.0
+        return 100 * motor.residual(beta) / size if (size := motor.size(beta)) > 0 else 0.0
 
     return tuple(Cost(motor.label, relative(motor, free), relative(motor, constrained)) for motor in motors)
 

@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import BlockMoments, Fit, UnitVarianceRows, expect_whole
+from haptid.estimation.method import BlockMoments, Fit, UnitVarianceRows, expect_motors, expect_whole
 from haptid.estimation.methods.wls import WLS, FeasibleGLS
 from haptid.motion.channels import channel_shares
 from haptid.observation.observation import Observation
@@ -65,6 +65,7 @@ class TorqueNoise(FeasibleGLS):
 
     def factor(self, rows: Rows, beta: Array, before: ChannelWhitening | None) -> ChannelWhitening:  # noqa: ARG002
         """The rows of each instant decorrelated, by the channels' variances."""
+        expect_motors(self.name, rows.observation)
         return ChannelWhitening(channel_variances(rows, beta))
 
 

@@ -25,7 +25,7 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SimulationError, setting_error
 from haptid.estimation.estimate import Estimate, estimate
-from haptid.estimation.method import Method, UnitVarianceRows, expect_positive
+from haptid.estimation.method import Method, UnitVarianceRows, expect_motors, expect_positive
 from haptid.estimation.methods.open_loop import position_noise, recorded_positions, sampled_torque
 from haptid.estimation.methods.simulation_based import base_columns, by_block
 from haptid.estimation.methods.wls import WLS
@@ -134,6 +134,7 @@ class Filtering(UnitVarianceRows, ABC):
         Raises:
             SimulationError: the filter diverges, or a mass matrix cannot be inverted.
         """
+        expect_motors(self.name, observation)
         model, first = observation.model, estimate(observation, self.start)
         expect_no_history(model)
         smoothed = smooth(model, observation.motions, self.friction)

@@ -100,7 +100,9 @@ class Ridge:
     def _weighted(self, observation: Observation, prior: Knowledge) -> Array:
         weighting = WLS(self.passes)
         known = strengthened(prior, min(self.strength or 1.0, 1.0))
-        weights = np.array([1.0 / max(motor.norm, np.finfo(float).tiny) for motor in observation.motors])
+        weights = np.array(
+            [1.0 if motor.free else 1.0 / max(motor.norm, np.finfo(float).tiny) for motor in observation.motors]
+        )
         for _ in range(self.passes):
             beta = solve(observation, weights, (), known).beta
             weights = np.array([weighting.weight(motor, beta) for motor in observation.motors])

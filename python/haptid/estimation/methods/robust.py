@@ -142,12 +142,12 @@ class IRLS(UnitVarianceRows):
 
 
 def _rms_torque(motor: MotorRows) -> float:
-    """Root mean square torque; one of a motor without rows.
+    """Root mean square torque; one of a motor without rows, and of a free joint.
 
     Raises:
         IdentifiabilityError: it is zero.
     """
-    if not motor.rows.any():
+    if not motor.rows.any() or motor.free:
         return 1.0
     if motor.norm == 0:
         raise no_torque(motor.name)

@@ -18,6 +18,7 @@ from haptid.estimation.estimate import estimate
 from haptid.estimation.method import (
     Method,
     Wrapper,
+    expect_motors,
     expect_positive,
     expect_weighting,
     expect_whole,
@@ -91,6 +92,7 @@ class SimulationBased(Wrapper, ABC):
             SimulationError: the model cannot be simulated with the initial parameters.
             ConvergenceError: no convergence within `most` passes.
         """
+        expect_motors(self.name, observation)
         self.check(observation)
         beta, previous = None, self.first(observation)
         expect_no_history(observation.model)

@@ -12,7 +12,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import Method, UnitVarianceRows, expect_whole
+from haptid.estimation.method import FREE_SHARE, Method, UnitVarianceRows, expect_whole
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.rows import Chunk, Rows
 
@@ -84,18 +84,21 @@ class WLS:
     def weight(self, motor: MotorRows, beta: Array) -> float:
         """One over the standard deviation of one motor's residual, which is not below the rounding of its channel.
 
-        One for a motor without rows.
+        One for a motor without rows. That of a free joint is less, by `FREE_SHARE`.
 
         Raises:
             IdentifiabilityError: the motor's torque is zero throughout.
         """
         if not motor.rows.any():
             return 1.0
-        if motor.norm == 0:
+        size = motor.size(beta)
+        if size == 0:
+            if motor.free:  # nothing is known of its terms yet
+                return 1.0
             raise no_torque(motor.name)
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))
-        floor = max(np.finfo(float).eps * motor.norm / np.sqrt(dof), motor.rounding)
-        return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))
+        floor = max(np.finfo(float).eps * size / np.sqrt(dof), motor.rounding)
+        return float((FREE_SHARE if motor.free else 1.0) / max(motor.residual(beta) / np.sqrt(dof), floor))
 
 
 def weights_without(

@@ -400,7 +400,7 @@ def _constant(
     row[0, rows.own + k] = iterate.step[k] / beta
     spread = intervals.spread(fit, row)
     robust = float(np.sqrt(spread.covariance[0, 0]))
-    classical = float(np.sqrt((row @ fit.solution.classical_covariance(fit.unit_residual) @ row.T)[0, 0]))
+    classical = float(np.sqrt((row @ fit.classical_covariance @ row.T)[0, 0]))
     noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.dof
     x, grid, increase = _profile(iterate, motions, fit.weights, k, robust)
     profile = _Profile(name, searched, x, grid, increase, noise, robust / classical, float(spread.dof[0]))

@@ -136,10 +136,18 @@ class MotionBounds:
             SettingError: a joint has no room to move; a confidence of torques without their maximum, or without a
                 covariance.
             IncompleteDeviceError: a joint has no range of positions or no maximum speed in either.
+            TrajectoryError: nothing drives a joint, so that it does not follow a planned motion.
             ExperimentError: not one value for all joints or one for each.
         """
         joints = [model.device.joints[j] for j in model.device.active]
         names = [joint.name for joint in joints]
+        if free := ", ".join(drive.name for drive in model.device.drives if drive.free):
+            raise TrajectoryError(
+                f"nothing drives {free}: how the others' motion moves it follows from the parameters that are to be "
+                "identified, and cannot be planned.",
+                where=free,
+                advice="Let the driven joints follow a motion that makes it swing, at several speeds.",
+            )
         position, speed = limits.position, limits.speed
         if position is None:
             position = tuple(_given("range of positions", j.name, j.position_limits) for j in joints)

@@ -59,8 +59,8 @@ def torque_shares(fitted: Estimate) -> Array:
     """Largest ratio over the motors of the norm of a base parameter's torque to that of the motor's, (p,)."""
     shares = np.zeros(len(fitted.beta))
     for motor in fitted.observation.motors:
-        if motor.norm > 0:
-            carried = np.linalg.norm(motor.whole[:, :-1], axis=0) * np.abs(fitted.beta[motor.columns]) / motor.norm
+        if (size := motor.size(fitted.beta)) > 0:
+            carried = np.linalg.norm(motor.whole[:, :-1], axis=0) * np.abs(fitted.beta[motor.columns]) / size
             np.maximum.at(shares, motor.columns, carried)
     return shares
 

@@ -189,7 +189,7 @@ def _rows(estimate: Estimate, position: float, torque: float) -> _Rows | None:
         used = chunk.used
     except HaptidError:
         return None
-    own, measured = device_rows(estimate), np.flatnonzero(model.device.measured).tolist()
+    own, measured = device_rows(estimate), np.flatnonzero(model.device.known).tolist()
     if own != measured or used.sum(axis=1).min() < _CLUSTERS:
         return None
     chi = raw_parameters(model, estimate.beta)

@@ -117,8 +117,8 @@ def _of(estimate: Estimate, motion: Motion) -> Iterator[_Part]:
     chi = raw_parameters(model, estimate.beta)
     wanted = estimate.observation.blocks
     index = dict(block_numbers(plan, wanted))
-    measured_rows = np.flatnonzero(model.device.measured).tolist()
-    own = [measured_rows.index(row) for row in device_rows(estimate)]
+    known_rows = np.flatnonzero(model.device.known).tolist()
+    own = [known_rows.index(row) for row in device_rows(estimate)]
     end = 0
     for start, stop in row_ranges(plan, wanted):
         chunk = Chunk.of(plan, start, stop)

@@ -101,7 +101,7 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
         return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
 
     size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
-    silent = [*_unused(fitted), *_silent(errors)]
+    silent = [*_unused(fitted), *_silent(errors), *_held(errors)]
     torque = [size, *silent, *_small(errors), *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *silent, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
@@ -178,6 +178,19 @@ def _silent(errors: Validation) -> list[Reason]:
     one = len(names) == 1
     words = f"{joined_names(names)} {'has' if one else 'have'} hardly any torque, of a channel that may be dead"
     return [Reason("doubt", words if one else words.replace("of a channel", "of channels"))]
+
+
+def _held(errors: Validation) -> list[Reason]:
+    """Joints whose torque is not zero, against the word of the device file."""
+    return [
+        Reason(
+            "doubt",
+            f"the torque of {m.label} is not zero: {per_cent(m.relative)} of its terms is left (limit {ROUGH:g} %), as "
+            "where a hand, a brake or a cable acts on it, or a term is missing",
+        )
+        for m in errors.comparable.motors
+        if m.free and m.rows and m.relative > ROUGH
+    ]
 
 
 def _small(errors: Validation) -> list[Reason]:

@@ -106,7 +106,7 @@ def _points(frictions: list[JointFriction]) -> dict[str, object]:
 def model_curve(source: ReportSource, motor: int, fastest: float) -> tuple[Array, Array]:
     """Velocity of one motor's coordinate, the others at rest, and its friction at mid-log, (n,) each."""
     model, estimate = source.estimate.model, source.estimate
-    row = int(np.flatnonzero(model.device.measured)[motor])
+    row = int(np.flatnonzero(model.device.known)[motor])
     # An even number of points excludes zero, where friction is discontinuous.
     speed = np.linspace(-fastest, fastest, _POINTS - 1)
     trail = source.tracks[0].trail
