@@ -85,7 +85,7 @@ def inertias_below_zero(model: DynamicModel, rows: TrialRows) -> Callable[[Array
         model: of the columns.
         rows: of the trials.
     """
-    motors = list(model.measured_rows)
+    motors = list(model.known_rows)
     M = _masses(model, _poses(rows))[motors]
     acceleration = _acceleration(rows)[motors]
     torque = np.array([_middle(y[used]) for y, used in zip(rows.y, rows.used, strict=True)])

@@ -15,7 +15,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HaptidError, LogFileError, listed
+from haptid.errors import HaptidError, LogFileError, ShapeError, listed
 from haptid.estimation import Estimate, estimate
 from haptid.executors import Executor, SerialExecutor
 from haptid.log.file_format import FORMATS
@@ -102,7 +102,7 @@ class FleetEstimate:
         try:
             made: dict[str, Any] = {key: _KEPT.get(key, lambda x: x)(x) for key, x in (kept or {}).items()}
             return FleetEstimate(log, **made) if made else None
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, ShapeError):
             return None
 
     def to_keep(self) -> dict[str, Any]:
