@@ -43,18 +43,18 @@ def written(path: Path, header: str, *columns: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("channels", "joints", "found"),
     [
-        (["elbow_states", "yaw_states", "pitch_states"], [("yaw",), ("pitch",), ("elbow",)], [1, 2, 0]),
-        (["pos.lift", "pos.pan"], [("shoulder_pan_joint", "pan"), ("shoulder_lift_joint", "lift")], [1, 0]),
-        (["wrist_roll_pos", "wrist_pos"], [("wrist",), ("wrist_roll",)], [1, 0]),
-        (["rw angle", "pendulum angle"], [("pole",), ("rw",)], [1, 0]),
-        (["a_pos", "b_pos", "elbow_pos"], [("elbow",), ("x",), ("y",)], None),
-        (["left_elbow", "right_elbow", "base"], [("elbow",), ("base",)], None),
-        (["q1", "q2"], [("1",), ("2",)], None),
-        (["a_pos", "b_pos"], [("x",), ("y",)], None),
+        (["elbow_states", "yaw_states", "pitch_states"], [("yaw",), ("pitch",), ("elbow",)], ([1, 2, 0], ())),
+        (["pos.lift", "pos.pan"], [("shoulder_pan_joint", "pan"), ("shoulder_lift_joint", "lift")], ([1, 0], ())),
+        (["wrist_roll_pos", "wrist_pos"], [("wrist",), ("wrist_roll",)], ([1, 0], ())),
+        (["rw angle", "pendulum angle"], [("pole",), ("rw",)], ([1, 0], ("pendulum angle", "pole"))),
+        (["a_pos", "b_pos", "elbow_pos"], [("elbow",), ("x",), ("y",)], ([], ())),
+        (["left_elbow", "right_elbow", "base"], [("elbow",), ("base",)], ([], ())),
+        (["q1", "q2"], [("1",), ("2",)], ([], ())),
+        (["a_pos", "b_pos"], [("x",), ("y",)], ([], ())),
     ],
 )
 def test_channels_by_words_of_their_joints(
-    channels: list[str], joints: list[tuple[str, ...]], found: list[int] | None
+    channels: list[str], joints: list[tuple[str, ...]], found: tuple[list[int], tuple[str, ...]]
 ) -> None:
     assert matched(channels, joints) == found
 

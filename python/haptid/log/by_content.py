@@ -7,7 +7,7 @@ have little effect there. Torques are what is left. All of it is a guess for a p
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -59,8 +59,13 @@ class Content:
     dt: float = 0.0
 
     @staticmethod
-    def of(columns: Mapping[str, NDArray[np.generic]]) -> Content:
-        """From all columns, in the order of the table; those of unequal length or that are no numbers are left out."""
+    def of(columns: Mapping[str, NDArray[np.generic]], clocks: Container[str] = ()) -> Content:
+        """From all columns, in the order of the table; those of unequal length or that are no numbers are left out.
+
+        Args:
+            columns: by their names.
+            clocks: names of those that are known to be times, or parts of times, of whatever steps.
+        """
         names = list(columns)[:_MOST]
         size = max((columns[name].size for name in names), default=0)
         names = [name for name in names if columns[name].size == size]
@@ -71,7 +76,7 @@ class Content:
         rows = rows[:, start : start + _ROWS]
         good = np.flatnonzero(np.isfinite(rows).all(axis=1))
         names, rows = [names[k] for k in good], rows[good]
-        steady = [_steady(row) for row in rows]
+        steady = [name in clocks or _steady(row) for name, row in zip(names, rows, strict=True)]
         moving = [k for k, row in enumerate(rows) if not steady[k] and np.ptp(row) > 0]
         if len(moving) < 2:
             return Content()

@@ -79,6 +79,7 @@ class ChannelOutput(OutputTable):
     reason: str = Field(description="of the guess")
     period: Number = Field(description="by which a position jumps, in its own unit; 0 where it does not")
     register_: RegisterOutput = Field(alias="register")
+    joint: str = Field(description="as a column of texts beside it names it in every row; empty where none does")
 
 
 class TopicOutput(OutputTable):

@@ -281,11 +281,13 @@ def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Form
             )
         return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
     rows = position.channels[0].rows
-    # The sender's stamp is that of the samples; the recorder's, beside it in `rostopic echo -p`, comes when it does.
+    # The sender's stamp is that of the samples; the recorder's, beside it in `rostopic echo -p`, comes when it does. Of
+    # topics that were joined in one table, each has stamps in its own rows only.
     time = max(
         times,
         key=lambda t: (
             t.rows == rows,
+            not t.missing,
             not t.reason.endswith(NO_RATE),
             t.name.rpartition(".")[0] == position.prefix,
             {"header", "stamp"} <= words_of(t.name),

@@ -223,7 +223,7 @@ def _content(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> Con
     acceleration beside it.
     """
     clocks = set(with_parts([channel.name for channel in channels if channel.quantity == "time"]))
-    content = Content.of(_columns(path, kind, [c.name for c in channels if c.name not in clocks], Request()))
+    content = Content.of(_columns(path, kind, [channel.name for channel in channels], Request()), clocks)
     called = {channel.name: channel.quantity for channel in channels}
     denied = {called[name] for name in content.rates} & {"torque"}
     denied |= {called[name] for name in content.positions} & {"torque", "velocity"}
