@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -72,6 +72,8 @@ class MotionFilters:
         position: cut-off of the position filters over the bandwidth, at most.
         held: position channels that hardly move while others do: they tremble faster, and that is no motion.
         shaken: whether `reversal_speed` is that of rotors that the controller shakes.
+        cutoffs: position cut-offs found, by the parallel filter's and by `position`; filters that differ from these in
+            rows alone share them.
     """
 
     model: DynamicModel
@@ -90,6 +92,7 @@ class MotionFilters:
     position: float = np.inf
     held: tuple[int, ...] = ()
     shaken: bool = False
+    cutoffs: dict[tuple[float, float], tuple[float, ...]] = field(default_factory=dict, repr=False)
 
     @staticmethod
     def of(
@@ -180,16 +183,12 @@ class MotionFilters:
             follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
 
-    @cached_property
-    def _cutoffs(self) -> dict[float, tuple[float, ...]]:
-        """Those found, by the parallel filter's cut-off; a cache of the class would keep the logs for ever."""
-        return {}
-
     def _position_cutoffs(self, parallel: float) -> tuple[float, ...]:
         """Cut-off of each position channel's filter, Hz, to the digits that matter."""
-        if parallel not in self._cutoffs:
-            self._cutoffs[parallel] = self._balanced(parallel)
-        return self._cutoffs[parallel]
+        key = (parallel, self.position)
+        if key not in self.cutoffs:
+            self.cutoffs[key] = self._balanced(parallel)
+        return self.cutoffs[key]
 
     def _balanced(self, parallel: float) -> tuple[float, ...]:
         low = _LOWEST * self.bandwidth

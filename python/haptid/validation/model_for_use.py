@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ConvergenceError, PhysicalConsistencyError
 from haptid.estimation import Estimate, Method, estimate
 from haptid.estimation.bias import carried, less, may_be_less
-from haptid.estimation.feasibility.feasible import nearest_base_parameters
+from haptid.estimation.feasibility.cone import Cone
+from haptid.estimation.feasibility.feasible import nearest_base_parameters, roomy
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Limiting
 from haptid.estimation.least_squares import EXCITED, unexcited, weakest_direction
@@ -300,34 +302,36 @@ def _trial(fitted: Estimate, reference: Sequence[Observation], names: Sequence[s
     if count < _FEWEST_BLOCKS:
         return None
     scale = 1.0 if fitted.fit.unit_residual else fitted.fit.solution.rest / np.sqrt(fitted.fit.solution.dof)
-    folds = min(_FOLDS, count // _IN_FOLD)
-    fold_of = np.arange(count) % folds
+    number = min(_FOLDS, count // _IN_FOLD)
+    fold_of = np.arange(count) % number
     held = [_folds(rows, fold_of, one) for one in reference]
     motors = _picked(reference, [np.flatnonzero(one >= 0) for one in held])
     held_folds = np.concatenate([one[one >= 0] for one in held])
     factors = of_all_motors(np.array([motor.norm**2 for motor in motors]), [motor.unit for motor in motors])
     prior = fitted.method.knowledge(rows).rows if isinstance(fitted.method, Anchored) else None
-    errors: dict[str, list[Array]] = {name: [] for name in names}
-    order = []
-    for fold in range(folds):
+    folds = []
+    for fold in range(number):
         T = rows.pick(np.flatnonzero(fold_of != fold)).stack(fitted.fit.weights / scale)
         if prior is not None:
             T = r_factor(np.concatenate([T, prior]))
-        mine = np.flatnonzero(held_folds == fold)
-        if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
+        unseen = np.flatnonzero(held_folds == fold)
+        if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(unseen):
             return None
-        order.append(mine)
-        for name in tuple(errors):
-            try:
-                betas = np.array(list(_fits(model, name, T)))
-            except ConvergenceError:
-                if name == CONSISTENT:
-                    raise
-                del errors[name]  # such a fit is no candidate
-            else:
-                errors[name].append(_squares(factors, motors, mine, betas))
-    back = np.argsort(np.concatenate(order))
-    return _Trial({name: np.concatenate(parts, axis=1)[:, back] for name, parts in errors.items()})
+        folds.append(_Fold(model, T, unseen))
+    back = np.argsort(np.concatenate([fold.unseen for fold in folds]))
+
+    def errors(name: str) -> Array:
+        parts = [_squares(factors, motors, fold.unseen, fold.fits(name)) for fold in folds]
+        return np.concatenate(parts, axis=1)[:, back]
+
+    made = {}
+    for name in names:
+        try:
+            made[name] = errors(name)
+        except ConvergenceError:  # such a fit is no candidate
+            if name == CONSISTENT:
+                raise
+    return _Trial(made)
 
 
 def _picked(observations: Sequence[Observation], blocks: Sequence[np.ndarray]) -> list[MotorRows]:
@@ -369,20 +373,46 @@ def _squares(factors: Array, motors: Sequence[MotorRows], blocks: np.ndarray, be
     return total
 
 
-def _fits(model: DynamicModel, name: str, T: Array) -> Iterator[Array]:
-    """Base parameters of a candidate for each of its strengths, from the R factor of rows of unit noise."""
-    R, z = T[:-1, :-1], T[:-1, -1]
-    free = np.asarray(np.linalg.lstsq(R, z, rcond=None)[0])
-    if name == FREE:
-        yield free
-    elif name == CONSISTENT:
-        yield nearest_base_parameters(model, free, R)
-    elif name == RIDGE:
-        prior = Ridge().prior(model)
-        for strength in STRENGTHS[RIDGE]:
-            own = r_factor(np.concatenate([T, strengthened(prior, strength or 0.0).rows]))
-            yield np.asarray(np.linalg.lstsq(own[:-1, :-1], own[:-1, -1], rcond=None)[0])
-    else:
-        penalty = EntropicPenalty.of(model, free)
-        for strength in STRENGTHS[ENTROPIC]:
-            yield penalty.cone.A @ penalty.minimiser(R, z, strength or 0.0, COARSE)
+@dataclass(frozen=True, eq=False)
+class _Fold:
+    """The rows that are fitted where one fold is held out.
+
+    Attributes:
+        T: their R factor, of unit noise, (p + 1, p + 1).
+        unseen: blocks of the reference rows in the fold.
+    """
+
+    model: DynamicModel
+    T: Array
+    unseen: np.ndarray
+
+    @property
+    def _R(self) -> Array:
+        return self.T[:-1, :-1]
+
+    @cached_property
+    def _free(self) -> Array:
+        return np.asarray(np.linalg.lstsq(self._R, self.T[:-1, -1], rcond=None)[0])
+
+    @cached_property
+    def _cone(self) -> Cone:
+        return roomy(self.model, self._free)
+
+    def fits(self, name: str) -> Array:
+        """Base parameters of a candidate for each of its strengths, (strengths, p), SI."""
+        return np.array(list(self._fits(name)))
+
+    def _fits(self, name: str) -> Iterator[Array]:
+        if name == FREE:
+            yield self._free
+        elif name == CONSISTENT:
+            yield nearest_base_parameters(self._cone, self._free, self._R)
+        elif name == RIDGE:
+            prior = Ridge().prior(self.model)
+            for strength in STRENGTHS[RIDGE]:
+                own = r_factor(np.concatenate([self.T, strengthened(prior, strength or 0.0).rows]))
+                yield np.asarray(np.linalg.lstsq(own[:-1, :-1], own[:-1, -1], rcond=None)[0])
+        else:
+            penalty = EntropicPenalty.of(self.model, self._cone)
+            for strength in STRENGTHS[ENTROPIC]:
+                yield self._cone.A @ penalty.minimiser(self._R, self.T[:-1, -1], strength or 0.0, COARSE)

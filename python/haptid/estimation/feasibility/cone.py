@@ -250,7 +250,9 @@ def _connected(used: np.ndarray) -> np.ndarray:
     for row in used:
         together = label[row]
         if len(together) > 1:
-            label[np.isin(label, together)] = together.min()
+            joined = np.zeros(len(label), dtype=bool)
+            joined[together] = True
+            label[joined[label]] = together.min()
     return np.unique(label, return_inverse=True)[1]
 
 

@@ -151,9 +151,8 @@ def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[Feasib
     return inside(model, conditions, conditions.A @ x, x, fixed), active
 
 
-def nearest_base_parameters(model: DynamicModel, beta: Array, R: Array) -> Array:
+def nearest_base_parameters(conditions: Cone, beta: Array, R: Array) -> Array:
     """Feasible base parameters nearest to others in the metric R, without bodies that have them, (p,)."""
-    conditions = roomy(model, beta)
     return np.asarray(conditions.A @ _nearest(conditions, R, beta)[0])
 
 

@@ -201,8 +201,8 @@ class Entropic(Wrapper):
         model = observation.model
         if not prior_links(model):
             raise _no_prior(model.device.name)
-        penalty = EntropicPenalty.of(model, free.beta)
-        cone = penalty.cone
+        cone = roomy(model, free.beta)
+        penalty = EntropicPenalty.of(model, cone)
         scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
         strength = self.strength or best_strength(observation, self.weights(observation) / scale, penalty)
         x = penalty.minimiser(free.R / scale, free.R @ free.beta / scale, strength)
@@ -238,9 +238,9 @@ class EntropicPenalty:
     known: tuple[bool, ...]
 
     @staticmethod
-    def of(model: DynamicModel, beta: Array) -> EntropicPenalty:
-        """Of a device, scaled for base parameters of about this size, (p,)."""
-        cone, known = roomy(model, beta), {f"link {name}" for name in prior_links(model)}
+    def of(model: DynamicModel, cone: Cone) -> EntropicPenalty:
+        """Of a device and its cone."""
+        known = {f"link {name}" for name in prior_links(model)}
         return EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
 
     def minimiser(self, R: Array, z: Array, strength: float, tolerance: float = TIGHT) -> Array:
