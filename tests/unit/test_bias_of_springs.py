@@ -11,6 +11,7 @@ import haptid
 from elastic_motors import STEP, TRUTH, K, axis, recorded
 from haptid.estimation import Bounds, EqualityConstraints, FixedAtZero, PhysicallyConsistent
 from haptid.estimation.intervals.profile import Profile
+from haptid.inference.elimination import refit_without
 from haptid.log.spectrum import Spectrum
 from haptid.treatment_choice import with_treatment_uncertainty
 from haptid.treatment_choice.noise_effect import without_bias
@@ -55,6 +56,29 @@ def test_what_is_known_stays_as_it_is(narrow, method):
     assert made[known].value == pytest.approx(found[known].value, rel=1e-12, abs=1e-12)
     assert made[known].se == pytest.approx(0.0, abs=1e-12)
     assert abs(made["ZZ1"].value / TRUTH["ZZ1"] - 1) < 0.3 * abs(found["ZZ1"].value / TRUTH["ZZ1"] - 1)
+
+
+def test_the_estimate_after_elimination_is_less_the_bias_too(narrow):
+    """As if the smaller model had been identified from the log: without it the stiffness was 1.2 % too large."""
+    plain, proposal = narrow
+    full = with_treatment_uncertainty(plain, proposal.delays, proposal.effects, proposal.rounding)
+    left = refit_without(full, ("FV1",))
+    smaller = haptid.estimate(plain.observation, FixedAtZero(("FV1",)))
+    own = with_treatment_uncertainty(smaller, proposal.delays, proposal.effects, proposal.rounding)
+    np.testing.assert_allclose(left.beta, own.beta, rtol=1e-9)
+    np.testing.assert_allclose(left.conf_int(), own.conf_int(), rtol=1e-6)
+    assert smaller["KE1"].value > 1.01 * K
+    assert left["KE1"].value == pytest.approx(K, rel=2e-3)
+    assert (left.se > 1.1 * smaller.se)[left.names.index("KE1")]
+
+
+def test_delays_are_in_the_intervals_after_elimination():
+    log = recorded(seconds=12.0)
+    proposal = haptid.propose(axis(), log)
+    plain = haptid.estimate(haptid.observe(axis(), haptid.treat(log, proposal.treatment)), haptid.WLS())
+    full = with_treatment_uncertainty(plain, proposal.delays, proposal.effects, proposal.rounding)
+    assert full["DE1"].se < 0.5 * plain["DE1"].se  # the delay is of the same rows, and their errors are in both
+    np.testing.assert_allclose(refit_without(full, ()).conf_int(), full.conf_int(), rtol=1e-6)
 
 
 def test_bounds_hold_for_what_is_less_its_bias(narrow):

@@ -31,6 +31,20 @@ def may_be_less(estimate: Estimate) -> bool:
     return estimate.constrained_fit is None or not isinstance(estimate.intervals, Limiting)
 
 
+def like(made: Estimate, other: Estimate) -> Estimate:
+    """An estimate less what is subtracted from another one of the same rows and weights, with its nuisances.
+
+    Args:
+        made: by another method, such as `FixedAtZero`, as it comes from the rows.
+        other: with the uncertainty of its treatment.
+    """
+    bias, moved = carried(made, (other.fit.solution.beta - other.free)[None])[0], other.fit.moved
+    nuisances = {name: carried(made, shifts) for name, shifts in other.nuisances.items()}
+    fit = other.fit if moved is None else replace(other.fit, moved=carried(made, moved))
+    made = less(made, bias) if bias.any() else made
+    return made.with_nuisances_of(replace(other, fit=fit, nuisances=nuisances))
+
+
 def less(estimate: Estimate, bias: Array) -> Estimate:
     """An estimate less a bias, (p,), SI; inequality constraints hold behind it, with their notes.
 

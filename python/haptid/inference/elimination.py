@@ -24,6 +24,7 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
 from haptid.errors import setting_error
+from haptid.estimation.bias import like
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.method import Method
@@ -259,7 +260,8 @@ def eliminate_by_motor(
     """Backward elimination for every motor separately, on its own rows.
 
     From one motor's rows alone, not all parameters may be identifiable. Collinear ones that come last are eliminated at
-    the start, and `full` of that motor's elimination has linear combinations of them.
+    the start, and `full` of that motor's elimination has linear combinations of them. Delays and noise of positions
+    are found from the rows of all motors: here intervals are without them, and nothing is subtracted.
 
     Args:
         full: an estimate of all motors.
@@ -278,9 +280,12 @@ def eliminate_by_motor(
 
 
 def refit_without(full: Estimate, names: tuple[str, ...]) -> Estimate:
-    """The estimate from the same rows and weights, with more parameters at zero."""
+    """The estimate from the same rows and weights, with more parameters at zero, and what the treatment moves them by.
+
+    What is subtracted from the full one is subtracted here, and its nuisances (delays, noise) are in the intervals.
+    """
     already = tuple(full.base.names[k] for k in full.zero)
-    return estimate(full.observation, FixedAtZero((*already, *names), _weighting(full)))
+    return like(estimate(full.observation, FixedAtZero((*already, *names), _weighting(full))), full)
 
 
 def _weighting(full: Estimate) -> FixedWeights:
