@@ -120,6 +120,36 @@ def test_the_delay_of_each_motor_is_found(phantom):
     assert len(found.setting) == 3
 
 
+def drifting(log, seed):
+    """The log with a random walk of a tenth of its torque."""
+    walk = np.cumsum(np.random.default_rng(seed).standard_normal(log.torque.shape), axis=0)
+    drift = 0.1 * log.torque.std(axis=0) * (walk - walk.mean(axis=0)) / walk.std(axis=0)
+    return dataclasses.replace(log, torque=log.torque + drift)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_of_the_torque_does_not_hide_the_delay(phantom, seed):
+    found = find_delays(phantom, [drifting(recorded(phantom, late=3.0, seed=seed), seed)], DELAYS)
+    assert found.accepted
+    assert found.white
+    np.testing.assert_allclose(found.seconds, 3e-3, atol=3 * found.se.max())
+    assert found.se.max() < 5e-4
+
+
+def test_rows_are_whitened_only_under_a_drift(phantom, monkeypatch):
+    monkeypatch.setattr(delay_estimate.NuisanceProblem, "whitened", None)
+    assert not find_delays(phantom, [recorded(phantom, late=3.0, noise=0.01)], DELAYS).white
+
+
+def test_what_goes_with_the_second_rate_of_the_torque_is_no_delay_beside_a_drift(phantom):
+    """A torque that is recorded as a mean of 41 samples: no delay, however long, makes it."""
+    made = recorded(phantom, late=3.0)
+    mean = np.stack([np.convolve(u, np.full(41, 1 / 41), "same") for u in made.torque.T], axis=1)
+    found = find_delays(phantom, [drifting(dataclasses.replace(made, torque=mean), 1)], DELAYS)
+    assert not found.white
+    assert found.se.min() > 5e-4
+
+
 def test_friction_that_the_model_lacks_is_not_compensated_as_a_delay(phantom):
     """Friction with presliding lags the velocity: what looks like a delay of many samples is not one."""
     made = recorded(phantom, noise=0.01)

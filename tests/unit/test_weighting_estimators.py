@@ -24,10 +24,10 @@ from haptid.estimation import (
     StudentT,
     Tukey,
 )
-from haptid.estimation.intervals.model_based import Autoregression, burg
+from haptid.estimation.intervals.model_based import Autoregression, burg, runs_of
 from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.errors_in_variables import smallest_generalised_eigenvalue
-from haptid.estimation.methods.gls import covariance, nearest_correlation, residual_models
+from haptid.estimation.methods.gls import Whitening, covariance, nearest_correlation, residual_models
 from haptid.estimation.methods.regularised import RIDGE_STRENGTHS, prediction_error, strengthened
 from haptid.estimation.methods.robust import robust_scales
 from haptid.estimation.methods.wls import variance_function
@@ -142,6 +142,25 @@ def test_gls_is_aitkens_estimate(observation):
         b += white.T @ target
     np.testing.assert_allclose(found.beta, np.linalg.solve(H, b), rtol=1e-6)
     np.testing.assert_allclose(found.classical_covariance, np.linalg.inv(H), rtol=1e-5, atol=1e-20)
+
+
+@pytest.mark.parametrize("stride", [1, 3])
+def test_whitening_is_that_of_every_run_by_itself(model, stride):
+    """With a stride, runs of every third row; gaps of one row, of many, and at the ends begin runs anew."""
+    beta = truth(model)
+    (rows,) = Rows(haptid.observe(model, motion(model, beta, seconds=6.0, dt=2e-3, noise=0.1, phi=0.6)))
+    used = np.random.default_rng(0).random(rows.used.shape) < 0.9
+    used[:, :5] = used[:, 100:140] = False
+    gaps = rows.with_rows(rows.W * used[:, :, None], rows.y * used)
+    gaps.__dict__["used"] = used
+    models = [burg([own], 2) for own in rows.residual(beta)]
+    white = Whitening(models, stride)(gaps)
+    for k, own in enumerate(models):
+        assert own.order > 0
+        assert not white.y[k, ~used[k]].any()
+        for run in runs_of(used[k], stride):
+            np.testing.assert_allclose(white.y[k, run], own.whitened(gaps.y[k, run]), rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(white.W[k, run], own.whitened(gaps.W[k, run]), rtol=1e-9, atol=1e-12)
 
 
 def test_whitening_gives_way_to_weights_where_the_model_is_wrong(model):

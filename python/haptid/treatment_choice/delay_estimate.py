@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.terms.friction import DRY
@@ -19,6 +20,7 @@ from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
+from haptid.estimation.methods.gls import Whitening
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, position_map
 from haptid.motion.motion import Motion, treat, with_delay
@@ -48,6 +50,14 @@ _POSES = 50
 _STEPS, _STILL, _SMALL = 4, 0.005, 0.05
 # A delay this far from the prior mean, samples, must not make the torque near reversals worse by so many of its errors.
 _FAR, _WORSE = 1.0, 1.0
+# Rows of the residual's memory from which it is a drift's: two periods of the bandwidth behind the usual filter.
+_DRIFTS = 50
+# Standard errors within which delays by rows that are whitened in time have to agree with those by ordinary ones (of
+# these), and what goes with the second rate of the torque with nothing; by how many times surer they have to be.
+_AGREES, _SURER = 2.0, 3.0
+# Standard deviation of the part that goes with the second rate of the torque, samples squared: a mean over 15 samples
+# has it. In slow motion far more is not told, and harms no delay.
+_SECOND = 10.0
 # Standard errors by which the rigid bodies' delay must be seen.
 _SEEN = 4.0
 # Standard error of the usual delay where rows near reversals contradict another one, as a share of the distance between
@@ -66,6 +76,7 @@ class Delays:
         accepted: whether what was found is compensated, and not taken for friction or a missing term.
         dt: sampling period, s.
         samples: of the logs that they were estimated from.
+        white: whether by rows that are whitened in time.
         by_positions: by how much one standard error of each part of the positions' errors moves them, (k, channels),
             s; not in `covariance`, because the parameters move with them.
     """
@@ -76,6 +87,7 @@ class Delays:
     accepted: bool
     dt: float
     samples: int = 0
+    white: bool = False
     by_positions: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def __post_init__(self) -> None:
@@ -143,19 +155,9 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     beta = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions)))
-    memory = None
-    for k in range(_STEPS):
-        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
-        problem = replace(problem, known_memory=memory)
-        beta, step, spread = problem.solve(mean - d, prior)
-        # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
-        memory = problem.memory if k or start is not None else None
-        # A step beyond the linear range of the columns would overshoot.
-        step = np.clip(step, -COMMON * dt, COMMON * dt)
-        d = d + step
-        if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * np.sqrt(np.diag(spread.covariance))).all():
-            break
-    d, beta, problem, spread = _settled(model, motions, (d, beta, problem, spread), (mean, prior))
+    found = _steps(model, motions, d, beta, (mean, prior), near=start is not None)
+    white = _beside_a_drift(model, motions, found, (mean, prior))
+    d, _, problem, spread = white or _settled(model, motions, found, (mean, prior))
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
@@ -170,7 +172,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
         return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt, samples)
     likely, covariance = _likely(d - mean, spread.covariance, dt)
-    return Delays(mean + likely, covariance, d, True, dt, samples)
+    return Delays(mean + likely, covariance, d, True, dt, samples, white is not None)
 
 
 def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
@@ -201,6 +203,95 @@ def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
 
 
 _Found = tuple[Array, Array, NuisanceProblem, Spread]
+
+
+def _steps(
+    model: DynamicModel,
+    motions: Sequence[Motion],
+    d: Array,
+    beta: Array,
+    prior: tuple[Array, Array],
+    near: bool = False,
+    whitening: Whitening | None = None,
+) -> _Found:
+    """Gauss-Newton steps: delays, parameters, the problem that they solve, and the delays' spread.
+
+    Args:
+        motions: of logs, without a delay.
+        d, beta: delays, s, and parameters to begin with.
+        prior: mean and covariance of the delays, s.
+        near: whether the delays to begin with were found before.
+        whitening: of the rows in time; they stay as they are where None.
+    """
+    (mean, covariance), dt, memory = prior, motions[0].dt, None
+    for k in range(_STEPS):
+        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
+        problem = replace(problem, known_memory=memory)
+        beta, step, spread = (problem.whitened(whitening) if whitening else problem).solve(mean - d, covariance)
+        # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
+        memory = problem.memory if whitening is None and (k or near) else None
+        # A step beyond the linear range of the columns would overshoot.
+        step = np.clip(step, -COMMON * dt, COMMON * dt)
+        d = d + step
+        if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * _se(spread)).all():
+            break
+    return d, beta, problem, spread
+
+
+def _se(spread: Spread) -> Array:
+    """Standard errors of a spread."""
+    return np.asarray(np.sqrt(np.diag(spread.covariance)))
+
+
+def _beside_a_drift(
+    model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]
+) -> _Found | None:
+    """Delays, parameters, problem and spread by rows that are whitened in time, where a drift hid them from the others.
+
+    Under a drift of the torque the residual's memory is long, few rows count as independent, and the prior decides,
+    although what goes with the motion is seen above the drift. Whitened rows show it. They are sensitive to what is
+    above the motion, too: in a loop that feeds disturbances back they are wrong. So they are taken only where the
+    ordinary rows leave the delays to the prior, where both agree and the whitened ones are much surer, and where the
+    torque has no part in proportion to its second rate: a delay leaves none, feedback, a filter or friction that the
+    model lacks does.
+
+    Args:
+        motions: of logs, without a delay.
+        found: by the ordinary rows.
+        prior: mean and covariance of the delays, s.
+    """
+    d, beta, problem, spread = found
+    dt, se = motions[0].dt, _se(spread)
+    rows = problem.memory / (motions[0].treatment.decimation * dt)
+    if rows < _DRIFTS or se.min() < HOLD * dt:
+        return None
+    whitening = problem.whitening
+    white = _steps(model, motions, d, beta, prior, whitening=whitening)
+    surer = bool((_SURER * _se(white[3]) < se).all() and (np.abs(white[0] - d) < _AGREES * se).all())
+    return white if surer and _alone(model, motions, white, prior, whitening) else None
+
+
+def _alone(
+    model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array], whitening: Whitening
+) -> bool:
+    """Whether whitened rows have nothing in proportion to the second rate of the torque beside a delay.
+
+    Args:
+        motions: of logs, without a delay.
+        found: by whitened rows.
+        prior: mean and covariance of the delays, s.
+        whitening: of the rows.
+    """
+    d, beta, _, _ = found
+    (mean, covariance), channels, dt = prior, len(d), motions[0].dt
+    second = [(channels + channel, column) for channel, column in delay_columns(model, motions[0], order=2)]
+    columns = [*delay_columns(model, motions[0]), *second]
+    late = [with_delay(motion, _setting(d)) for motion in motions]
+    problem = NuisanceProblem.of(model, late, beta, raw_parameters(model, beta), [columns] * len(motions))
+    free = (_SECOND * dt**2) ** 2 * np.eye(channels)
+    known = linalg.block_diag(covariance, free)
+    _, step, spread = problem.whitened(whitening).solve(np.append(mean - d, np.zeros(channels)), known)
+    return bool((np.abs(step) < _AGREES * _se(spread))[channels:].all())
 
 
 def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]) -> _Found:
@@ -288,7 +379,7 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     if not np.any(delays.covariance) or any(m.log is None or m.treatment.momentum for m in motions):
         return estimate
     problem = _problem(estimate.model, motions, estimate.free)
-    if not _same_rows(problem, estimate, delays):
+    if delays.white or not _same_rows(problem, estimate, delays):
         return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
     moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
     # The mixture of priors draws the delays towards the hold, and what moves them with them.
@@ -345,13 +436,17 @@ def _smooth(model: DynamicModel, chi: Array) -> Array:
 
 
 def delay_columns(
-    model: DynamicModel, motion: Motion, part: Callable[[DynamicModel, Array], Array] | None = None
+    model: DynamicModel,
+    motion: Motion,
+    part: Callable[[DynamicModel, Array], Array] | None = None,
+    order: int = 1,
 ) -> list[NuisanceColumn]:
     """The rate of each channel's torque, by the model, in every row that the channel acts on.
 
     Args:
         motion: of a log.
         part: parameters of the core's columns of which the torque is taken, from all; all where None.
+        order: of the derivative; 2 for the rate of the rate.
     """
     assert motion.log is not None
     some = [motion.q[k : k + 1][0] for k in np.linspace(0, len(motion) - 1, _POSES).astype(int)]
@@ -361,7 +456,9 @@ def delay_columns(
     def column(row: int, channel: int) -> CandidateColumns:
         def rate(context: ResidualContext) -> Array:
             torque = context.channel_torque(context.chi if part is None else part(model, context.chi))
-            own = np.gradient(torque[channel], context.plan.motion.dt)
+            own = torque[channel]
+            for _ in range(order):
+                own = np.gradient(own, context.plan.motion.dt)
             return np.asarray((context.channel_shares[:, channel, row] * own)[None])
 
         return CandidateColumns(np.eye(len(acts))[row], 1, rate)

@@ -6,7 +6,7 @@ more column. Columns change with parameters and nuisances, so callers take Gauss
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,15 +18,21 @@ from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
 from haptid.estimation.least_squares import Solution
 from haptid.estimation.method import Fit
+from haptid.estimation.methods.gls import Whitening, residual_models
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.motion import Motion
-from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
+from haptid.observation.augmented import AugmentedPlan, CandidateColumns, augmented_plan, reduced
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
+from haptid.observation.rows import Chunk, Rows
 from haptid.treatment_choice.first_fit import LEAST_EXCITED, residual_memory, solve_excited
 
 # The nuisance that a column belongs to, and the column.
 NuisanceColumn = tuple[int, CandidateColumns]
+# Highest order of the autoregressive model of a residual: enough for noise, too low to follow what the model lacks.
+_ORDER = 2
+# Samples whose rows are in memory together.
+_PIECE = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +44,7 @@ class NuisanceProblem:
         rows: R factors with columns of the nuisances after those of the base parameters.
         beta: parameters that the columns were computed with, (p,).
         count: number of nuisances.
+        plans: of the rows, each with the place of its columns among those of the rows.
         known_memory: integral time of the residual by a problem almost the same, s; computed where None.
     """
 
@@ -46,6 +53,7 @@ class NuisanceProblem:
     rows: Observation
     beta: Array
     count: int
+    plans: Sequence[tuple[AugmentedPlan, np.ndarray]]
     known_memory: float | None = None
 
     @staticmethod
@@ -66,15 +74,17 @@ class NuisanceProblem:
         """
         p, rows = len(beta), [int(k) for k in np.flatnonzero(model.device.known)]
         blocks: list[Block] = []
-        parts = []
+        parts, plans = [], []
         for motion, own in zip(motions, columns, strict=True):
             wide = augmented_plan(model, motion, chi, [column for _, column in own])
             place = np.append(np.arange(p), [p + nuisance for nuisance, _ in own]).astype(int)
             parts.append([replace(m, columns=place[m.columns]) for m in reduced(wide, rows, list(wide.segments()))])
             blocks.extend(wide.blocks())
+            plans.append((wide, place))
         motors = tuple(map(_joined, zip(*parts, strict=True)))
         count = 1 + max(nuisance for own in columns for nuisance, _ in own)
-        return NuisanceProblem(model, motions, Observation(model, motors, tuple(blocks), tuple(motions)), beta, count)
+        together = Observation(model, motors, tuple(blocks), tuple(motions))
+        return NuisanceProblem(model, motions, together, beta, count, plans)
 
     @cached_property
     def memory(self) -> float:
@@ -143,6 +153,25 @@ class NuisanceProblem:
         known[:, p:-1], known[:, -1] = whiten, whiten @ off
         return solve_excited(self.rows.motors, self.weights, known)
 
+    @cached_property
+    def whitening(self) -> Whitening:
+        """What whitens its rows in time: a low autoregressive model of each motor's residual.
+
+        The parallel filter leaves neighbouring rows alike. A model relates rows that are half a period of its cut-off
+        apart, so that noise that was white before the filter stays as it is.
+        """
+        motion = self.motions[0]
+        cutoff, step = motion.treatment.parallel(motion.dt), motion.treatment.decimation * motion.dt
+        stride = max(1, round(0.5 / (cutoff * step))) if cutoff else 1
+        left = np.append(self.beta, np.zeros(self.count))
+        return Whitening(residual_models(_Rows(self), left, _ORDER, stride), stride)
+
+    def whitened(self, whitening: Whitening) -> NuisanceProblem:
+        """The problem with its rows whitened in time."""
+        motion = self.motions[0]
+        apart = whitening.stride * motion.treatment.decimation * motion.dt
+        return replace(self, rows=_Rows(self).folded(whitening), known_memory=apart)
+
     def sensitivity(self, estimate: Estimate) -> Array:
         """Derivative of an estimate's parameters by each nuisance, (p, count), SI.
 
@@ -161,6 +190,27 @@ class NuisanceProblem:
         """By how much one standard error of the nuisances' principal directions moves the parameters, (count, p)."""
         values, vectors = np.linalg.eigh(covariance)
         return np.asarray((self.sensitivity(estimate) @ (vectors * np.sqrt(np.maximum(values, 0.0)))).T)
+
+
+class _Rows(Rows):
+    """The rows of a problem, chunk by chunk."""
+
+    def __init__(self, problem: NuisanceProblem) -> None:
+        super().__init__(problem.rows)
+        self.problem = problem
+
+    def __iter__(self) -> Iterator[Chunk]:
+        known, done = self.problem, 0
+        own = tuple(int(k) for k in np.flatnonzero(known.model.device.measured))
+        for plan, place in known.plans:
+            step = plan.block * max(1, _PIECE // (plan.block * plan.motion.treatment.decimation))
+            for start in range(0, plan.rows, step):
+                stop = min(start + step, plan.rows)
+                first = done + start // plan.block
+                blocks = tuple(range(first, first - (start - stop) // plan.block))
+                chunk = Chunk(plan, start, stop, plan.model, own, blocks)
+                yield chunk.with_rows(chunk.W @ np.eye(len(known.beta) + known.count)[place], chunk.y)
+            done += len(plan.blocks())
 
 
 def _joined(parts: Sequence[MotorRows]) -> MotorRows:

@@ -155,17 +155,18 @@ def burg(parts: Sequence[Array], most: int) -> Autoregression:
     return Autoregression(tuple(filters[: best + 1]), np.array(powers[: best + 1]))
 
 
-def residual_runs(rows: Rows, beta: Array) -> list[list[Array]]:
-    """The unbroken runs of every motor's residual, motor by motor."""
+def residual_runs(rows: Rows, beta: Array, stride: int = 1) -> list[list[Array]]:
+    """The unbroken runs of every motor's residual, motor by motor; of every `stride`-th row each."""
     parts: list[list[Array]] = [[] for _ in rows.observation.motors]
     for chunk in rows:
         for own, e, used in zip(parts, chunk.residual(beta), chunk.used, strict=True):
-            own.extend(e[run] for run in runs_of(used))
+            own.extend(e[run] for run in runs_of(used, stride))
     return parts
 
 
-def runs_of(used: np.ndarray) -> Iterator[slice]:
-    """Unbroken runs of used rows, of a mask (rows,)."""
+def runs_of(used: np.ndarray, stride: int = 1) -> Iterator[slice]:
+    """Unbroken runs of used rows, of a mask (rows,); with a stride each run as so many of every `stride`-th row."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], used, [False]]).astype(int)))
     for start, stop in edges.reshape(-1, 2):
-        yield slice(int(start), int(stop))
+        for first in range(int(start), min(int(start) + stride, int(stop))):
+            yield slice(first, int(stop), stride)

@@ -253,27 +253,33 @@ def prediction_errors(observation: Observation, weights: Array, whitened: Observ
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Row transformation: rows filtered by each motor's autoregressive model, one unbroken run at a time."""
+    """Row transformation: rows filtered by each motor's autoregressive model, one unbroken run at a time.
+
+    Attributes:
+        models: of the motors.
+        stride: rows from one to the next that a model relates.
+    """
 
     models: Sequence[Autoregression]
+    stride: int = 1
 
     def __call__(self, chunk: Chunk) -> Chunk:
         W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
         for k, autoregression in enumerate(self.models):
             reached = np.flatnonzero(chunk.W[k].any(axis=0))
-            for run in runs_of(chunk.used[k]):
+            for run in runs_of(chunk.used[k], self.stride):
                 W[k, run, reached] = autoregression.whitened(chunk.W[k, run][:, reached]).T
                 y[k, run] = autoregression.whitened(chunk.y[k, run])
         return chunk.with_rows(W, y)
 
 
-def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:
+def residual_models(rows: Rows, beta: Array, most_order: int, stride: int = 1) -> list[Autoregression]:
     """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit.
 
     That of white noise of unit variance for a motor without rows.
     """
     models = []
-    for motor, own in zip(rows.observation.motors, residual_runs(rows, beta), strict=True):
+    for motor, own in zip(rows.observation.motors, residual_runs(rows, beta, stride), strict=True):
         if not motor.rows.any():
             models.append(Autoregression((np.ones(1),), np.ones(1)))
             continue
