@@ -282,13 +282,13 @@ def test_noise_of_the_positions_is_no_more_than_the_residual_holds():
     for log, times, reduced in ((clean, 1e6, True), (replace(clean, position=clean.position + rough), 1.0, False)):
         rows = haptid.observe(axis(), haptid.treat(log, settings))
         found = [replace(one, noise=times * one.noise) for one in spectra(log)]
-        beta = haptid.estimate(rows, haptid.WLS()).beta
-        (noise,) = possible_noise(rows, beta, [log], [found])
+        made = haptid.estimate(rows, haptid.WLS())
+        (noise,) = possible_noise(rows, made.beta, [log], [found])
         share = noise.std(axis=0) / encoder_noise([log], [found])[0].std(axis=0)
         assert (share < 0.1).all() if reduced else (share > 0.7).all()
-        effect = noise_effect(rows, [log], [found], settings)["encoder noise"]
+        effect = noise_effect(made, [log], [found], settings)["encoder noise"]
         # Hundreds of times the encoders' own noise would move damping and friction by a tenth.
-        assert (np.abs(effect[0]) < 0.01 * np.abs(beta)).all()
+        assert (np.abs(effect[0]) < 0.01 * np.abs(made.beta)).all()
 
 
 @pytest.mark.parametrize("noise", [0.4, 4.0])

@@ -26,7 +26,9 @@ from haptid.log.spectrum import Spectrum
 from haptid.motion.motion import treat, with_positions
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
+from haptid.treatment_choice.delay_estimate import Delays
 from haptid.treatment_choice.first_fit import least_squares
+from haptid.treatment_choice.refit import Refit
 
 # The share of its own size within which each effect is known: that of noise better where it is bounded by rounding.
 _NOISE_KNOWN, _NOISE_BOUNDED, _FILTER_KNOWN = 1.0, 0.5, 0.5
@@ -35,27 +37,43 @@ NOISY = 3.0
 
 
 def noise_effect(
-    rows: Observation, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]], treatment: Treatment
+    found: Estimate,
+    logs: Sequence[Log],
+    spectra: Sequence[Sequence[Spectrum]],
+    treatment: Treatment,
+    delays: Delays | None = None,
 ) -> Mapping[str, Array]:
     """Standard error of the parameters by the encoders' noise, and by the position filter, each (1, p), SI.
 
+    Of devices with springs the delays are estimated again with the parameters: noise moves them, and with them damping.
+
     Args:
-        rows: of the logs.
+        found: by `WLS` from rows of the logs.
         logs: recordings.
         spectra: of each log's position channels.
         treatment: of the logs.
+        delays: of the torque channels; None where they were given.
     """
     if treatment.cutoff_hz is None:
         return {}
+    rows, p = found.observation, len(found.beta)
     untimed = replace(treatment, torque_delay_s=0.0)
+    measured = [np.asarray(log.position[:]) for log in logs]
     try:
-        as_is = least_squares(rows)
         # A rigid fit may have taken up noise that repeats with the motion, so that its residual bounds nothing.
         elastic = bool(rows.model.device.elastic)
-        noise = possible_noise(rows, as_is, logs, spectra) if elastic else encoder_noise(logs, spectra)
-        more, less = map(least_squares, _moved(rows, logs, noise))
+        noise = possible_noise(rows, found.beta, logs, spectra) if elastic else encoder_noise(logs, spectra)
         filtered = [np.asarray(treat(log, untimed).q[:]) for log in logs]
-        twice = least_squares(_with_positions(rows, filtered))
+        refit = Refit.of(found, delays) if elastic and not treatment.momentum else None
+
+        def fitted(positions: Sequence[Array]) -> Array:
+            if refit is None:
+                return least_squares(_with_positions(rows, positions))
+            return refit.least_squares(positions)[:p]
+
+        as_is = least_squares(rows) if refit is None else fitted(measured)
+        more, less = (fitted([q + sign * n for q, n in zip(measured, noise, strict=True)]) for sign in (1, -1))
+        twice = fitted(filtered)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return {}
     known = _known(rows.model)

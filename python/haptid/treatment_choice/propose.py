@@ -259,7 +259,8 @@ class _Choice:
         rounding = None
         try:
             rows = observe(model, *(treat(log, treatment) for log in logs))
-            effects, made = noise_effect(rows, logs, filters.spectra, treatment), estimate(rows, WLS())
+            made = estimate(rows, WLS())
+            effects = noise_effect(made, logs, filters.spectra, treatment, delays)
             rounding = rounding_effect(made, logs, filters.spectra, treatment, delays)
             made, delays = with_uncertain_delays(made, delays, effects, rounding)
         except (NoRowsError, IdentifiabilityError, MotionTooShortError):

@@ -20,17 +20,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.dynamics.inverse import raw_parameters
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum, widest
-from haptid.motion.motion import treat, with_positions
+from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
-from haptid.observation.observation import MotorRows, Observation, observe
-from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
-from haptid.treatment_choice.first_fit import residual_memory, solve_excited
-from haptid.treatment_choice.nuisance_problem import NuisanceProblem
+from haptid.treatment_choice.delay_estimate import Delays
+from haptid.treatment_choice.first_fit import solve_excited
+from haptid.treatment_choice.refit import Refit
 
 # Lattices that positions are rounded to, and by how much their steps differ from the encoder's, at most.
 _LATTICES, _STEPS = 8, 0.1
@@ -104,7 +102,7 @@ def rounding_effect(
     places = np.array([rng.permutation(_LATTICES) for _ in range(channels)]).T / _LATTICES
     spread = np.linspace(1 - _STEPS, 1 + _STEPS, _LATTICES)
     sizes = np.array([rng.permutation(spread) for _ in range(channels)]).T
-    refit = _Refit.of(estimate, delays if delays is not None and delays.accepted else None)
+    refit = Refit.of(estimate, delays)
     try:
         smooth = [np.asarray(treat(log, smoother).q[:]) for log in logs]
         plain = refit.motors(smooth)
@@ -139,58 +137,3 @@ def _rounded(q: Array, steps: Array, place: Array) -> Array:
     """Positions, (n, channels), on the lattices of their encoders, moved by shares of a step; as they are without."""
     step = np.where(steps > 0, steps, 1.0)
     return np.where(steps > 0, (np.round(q / step - place) + place) * step, q)
-
-
-@dataclass(frozen=True, eq=False)
-class _Refit:
-    """Least squares in the parameters and delays, again and again with other positions.
-
-    Attributes:
-        rows: as they were measured.
-        chi: parameters of the core's columns that the delays' columns are computed with, (r,), SI.
-        beta: parameters of the fit to the rows, (p,), SI.
-        se: standard errors of parameters and delays, (p + delays,), SI.
-        weights: of each motor's rows, less for residuals with memory, (motors,).
-        known: prior rows of the delays, (delays, p + delays + 1).
-    """
-
-    rows: Observation
-    chi: Array
-    beta: Array
-    se: Array
-    weights: Array
-    known: Array
-
-    @staticmethod
-    def of(estimate: Estimate, delays: Delays | None) -> _Refit:
-        """From an estimate, and the delays that are estimated with the parameters; None for none."""
-        rows, beta = estimate.observation, estimate.free
-        many, p = 0 if delays is None else len(delays.seconds), len(beta)
-        known = np.zeros((many, p + many + 1))
-        se = estimate.se
-        if delays is not None:
-            known[:, p:-1] = np.linalg.inv(np.linalg.cholesky(delay_prior(many, delays.dt)))
-            se = np.append(se, delays.se)
-        step = rows.motions[0].treatment.decimation * rows.motions[0].dt
-        memory = residual_memory(rows.model, rows.motions, beta)
-        weights = estimate.weights / np.sqrt(max(memory / step, 1.0))
-        return _Refit(rows, raw_parameters(rows.model, beta), beta, se, weights, known)
-
-    def motors(self, positions: Sequence[Array]) -> Sequence[MotorRows]:
-        """R factors with other positions of the logs."""
-        model = self.rows.model
-        motions = [with_positions(motion, q) for motion, q in zip(self.rows.motions, positions, strict=True)]
-        if not len(self.known):
-            return observe(model, *motions).motors
-        columns = [delay_columns(model, motion) for motion in motions]
-        return NuisanceProblem.of(model, motions, self.beta, self.chi, columns).rows.motors
-
-    def by_block(self, motors: Sequence[MotorRows], at: Array) -> Array:
-        """Step from parameters and delays to their least squares, the part of each block, (blocks, p + delays), SI."""
-        root = solve_excited(motors, self.weights, self.known).root
-        scores = np.zeros((len(motors[0].r_factors), len(at)))
-        for motor, weight in zip(motors, self.weights, strict=True):
-            W, y = motor.r_factors[:, :, :-1], motor.r_factors[:, :, -1]
-            left = y - W @ at[motor.columns]
-            scores[:, motor.columns] += weight**2 * np.einsum("bij,bi->bj", W, left)
-        return np.asarray(scores @ root @ root.T)
