@@ -206,6 +206,7 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -
             if found > rank:
                 best, rank = (J @ F)[:, used], found
     # A joint with a motor, or with a spring, moves by itself where it can: it comes after those that only loops move.
+    # So does one nearer the base after those that it carries.
     # Spins, and otherwise the third hinge of a ball joint, come last of those without a motor.
     ball = [hinges[k].ball for k in used]
     order = sorted(
@@ -214,6 +215,7 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -
             hinges[used[i]].actuated,
             hinges[used[i]].sprung,
             ball[i],
+            0 if ball[i] else -len(_way(hinges, used[i])),
             int(used[i]) if ball[i] == 1 else -int(used[i]),
         ),
     )

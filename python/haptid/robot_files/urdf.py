@@ -28,6 +28,7 @@ from haptid.robot_files.tree import (
     snapped_axis,
     unit_axis,
 )
+from haptid.robot_files.urdf_loops import closing_joints
 from haptid.robot_files.xml import Element, checked_ratio, parse
 
 # Where URDF says nothing of gravity, simulators have this one.
@@ -76,6 +77,10 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
     mimics = [(element, element.first("mimic")) for element in root.all("joint")]
     follows = [_mimic(element, mimic) for element, mimic in mimics if mimic is not None]
     joints, drives = _transmissions(root, joints, notes)
+    closing = closing_joints(root, links, joints, follows, drives, notes)
+    if closing and drives:  # joints without a transmission are those that the loops move
+        driven = {name for drive in drives for name in drive.factors}
+        joints = [replace(joint, actuated=joint.name in driven) for joint in joints]
     _gazebo(root, notes)
     return RobotTree(
         name=root.attributes.get("name", "robot").strip() or "robot",
@@ -85,6 +90,7 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
         links=links,
         joints=tuple(joints),
         follows=tuple(follows),
+        closing=closing,
         drives=tuple(drives),
         notes=tuple(notes),
     )
@@ -255,10 +261,7 @@ def _gazebo(root: Element, notes: list[Note]) -> None:
     """Elements of simulators that change the dynamics."""
     for element in root.all("gazebo"):
         for child in element.walk():
-            if child.tag == "joint":
-                text = f"joint {child.attributes.get('name', '')} in <gazebo>, which closes a loop for simulators"
-                notes.append(Note("left out", text, child.line))
-            elif child.tag in (
+            if child.tag in (
                 "springStiffness",
                 "springReference",
                 "implicitSpringDamper",
