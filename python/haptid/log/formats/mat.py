@@ -14,9 +14,11 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 from scipy import io
+from scipy.io.matlab import MatlabObject
 
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.formats import hdf5, mat4
+from haptid.log.formats.iddata import iddata_leaves, is_iddata
 from haptid.log.formats.mat_objects import objects, unread
 from haptid.log.formats.signal_titles import NAMES, SAMPLES, UNITS, VALUES, title_of
 from haptid.log.formats.sniff import (
@@ -130,6 +132,11 @@ def _leaves(name: str, value: object, titled: bool) -> Iterator[tuple[str, RawCh
     Args:
         titled: whether those of structs that say a name of their array have it, `out.signals.q1 [rad]`.
     """
+    if isinstance(value, MatlabObject):  # of a class of files of level 5, as those of toolboxes
+        value = np.asarray(value)
+        if is_iddata(value):
+            yield from iddata_leaves(name, value)
+            return
     if type(value) is not np.ndarray:
         return
     if value.dtype == object:
