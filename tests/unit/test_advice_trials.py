@@ -309,6 +309,22 @@ def test_actions_are_in_the_order_of_the_errors_that_are_stated():
     assert kinds([(large, shown), (simple, Stated(10.0, 6.1, 0.1, None))]) == ["offset", "spring"]
 
 
+@pytest.mark.parametrize(
+    ("left", "shown", "places", "first"),
+    [
+        (0.53, 6.25, ("motor 1",), "offset"),  # 94 % of the gain: the spring's rest is far outside of the range
+        (0.57, 6.6, ("motor 1",), "spring"),  # 85 %
+        (0.53, 6.25, ("motor 2",), "spring"),  # on another joint
+        (0.08, 6.25, ("motor 1",), "spring"),  # of a far rest all the same, as it leaves nearly nothing
+    ],
+)
+def test_a_constant_torque_comes_before_a_spring_that_has_its_gain_from_it(left, shown, places, first):
+    """Of two public arms' logs the first advice was a spring without torque at 2.6 to 5.9 times half the range."""
+    spring = proven_change("spring", 0.5 if left > 0.5 else 0.05, ("motor 1",))[0], Stated(10.0, 6.0, 0.1, None)
+    offset = proven_change("offset", left, places, columns=2)[0], Stated(10.0, shown, 0.1, None)
+    assert kinds([spring, offset])[0] == first
+
+
 def test_the_error_of_a_motor_is_stated_where_a_change_does_not_show_in_that_of_all():
     device = SimpleNamespace(torque_units=("N m",) * 2, free_rows=(False,) * 2)
     model = SimpleNamespace(device=device, known_rows=range(2))

@@ -1,5 +1,7 @@
 """The statistics under a diagnosis, against closed forms and against doing it the long way."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,7 +23,9 @@ from haptid.inference.diagnosis.residuals import (
     serial_correlation,
     standardised,
     thinned,
+    whiteness,
 )
+from haptid.observation.plan import Block
 from haptid.uncertainty.multiple_testing import holm_adjusted
 from motions import motion, truth
 from sampling import FAR, of_mean, of_share
@@ -94,6 +98,18 @@ def test_whiteness_keeps_its_level_with_rows_missing():
         e[rng.integers(0, 250) :][:40] = np.nan
         p.append(portmanteau(e)[1])
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=of_share(0.05, len(p)))
+
+
+@pytest.mark.parametrize(("logs", "longer"), [(1, True), (20, False)])
+def test_longer_blocks_are_advised_where_a_log_has_enough_of_them(logs, longer):
+    """Of a log of 57 s blocks of 23.4 s were to be written, which a study then shortened to what it had."""
+    rng, times = np.random.default_rng(6), range(400)
+    blocks = [Block(f"{k % logs}", float(k), k + 1.0) for k in times]
+    left = SimpleNamespace(e=[coloured(40_000, 0.98, rng)], filter_stride=1, step=0.01, labels=("motor 1",))
+    found = whiteness(SimpleNamespace(observation=SimpleNamespace(blocks=blocks)), left)
+    assert found.status == "bad"
+    assert ("write block_s" in found.sentence) == longer
+    assert ("record longer" in found.sentence) != longer
 
 
 def test_durbin_watson_is_two_for_white_rows_and_less_for_those_that_remember():

@@ -14,6 +14,10 @@ from haptid.advice.trial import Bench, Trial, gain
 # Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
 # the best one leaves.
 NEARLY, _LEAVES = 0.97, 1.25
+# Share of a spring's gain with which a constant torque on the same joints comes before it: the spring's rest, which is
+# fitted, has a constant torque in it, and lies outside of the motion's range, by 0.7 of its half, where so much is due
+# to that.
+_MOSTLY_CONSTANT = 0.9
 # Changes of torque channels.
 OF_TORQUE_CHANNELS = ("gain", "torque sign", "torque swap")
 # The friction that others refine.
@@ -109,5 +113,11 @@ def _within(best: tuple[Proven, Stated], other: tuple[Proven, Stated]) -> bool:
     if best[1].motor != other[1].motor:
         return False
     worse = gain(other[0].trial, best[0].trial)
-    alike = worse.share <= worse.se and other[0].trial.total <= _LEAVES * best[0].trial.total
-    return alike or other[1].size[1] > NEARLY * best[1].size[1]
+    little = other[0].trial.total <= _LEAVES * best[0].trial.total
+    share = _MOSTLY_CONSTANT if little and _constant_part(best[0].candidate, other[0].candidate) else NEARLY
+    return (worse.share <= worse.se and little) or other[1].size[1] > share * best[1].size[1]
+
+
+def _constant_part(spring: TriedChange, offset: TriedChange) -> bool:
+    """Whether the second is the constant torque that the first, a spring, has in it, on the same joints."""
+    return (spring.kind, offset.kind) == ("spring", "offset") and set(spring.places) <= set(offset.places)

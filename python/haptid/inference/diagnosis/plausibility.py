@@ -42,6 +42,8 @@ IDENTIFIABLE = 0.25
 _OF_A_MOTOR, _NO_ROTOR = 3, 100.0
 # Share of the inertial torque below which a motor does not move its bodies.
 _NOT_MOVED = 0.25
+# Share of dry friction in a motor's torque from which on the motor moves the joint itself.
+_OVERCOMES = 0.1
 # Parameters that cannot be negative, by kind.
 _POSITIVE = ("FV", "FC", "IA")
 
@@ -144,7 +146,8 @@ def moved_from_outside(
     """Motors whose torque holds the weight of the prior bodies and does not accelerate them; None where there are none.
 
     Something else moved the device then, such as the hand that guides it while gravity is compensated: no sign and no
-    unit is wrong, and inertia and friction cannot be identified from the log.
+    unit is wrong, and inertia and friction cannot be identified from the log. A motor that overcomes dry friction moves
+    its joint itself: the bodies' inertia, far too large in some robot descriptions, is wrong then.
     """
     figures: dict[str, float] = {}
     found: list[str] = []
@@ -155,7 +158,8 @@ def moved_from_outside(
             continue
         (moved, held), (se, own) = test.values[:2], test.se[:2]
         carries = 1 / GOOD < held < GOOD and own < IDENTIFIABLE * held  # masses of descriptions are not exact
-        if abs(moved) + half_width(float(se), test.dof) < _NOT_MOVED and carries:
+        still = abs(moved) + half_width(float(se), test.dof) < _NOT_MOVED
+        if still and carries and dry_friction_share(augmented.estimate, m) < _OVERCOMES:
             figures |= {f"inertial {label}": float(moved), f"weight {label}": float(held)}
             found.append(label)
     if not found:
@@ -166,8 +170,21 @@ def moved_from_outside(
         "bad",
         figures,
         f"The torque of {joined_names(found)} holds the weight of the device file's bodies ({held:.3g} of it) and does "
-        f"not accelerate them ({moved:.2g} of it): something else moved the device.",
+        f"not accelerate them ({moved:.2g} of it): something else moved the device, or their inertia is far too large.",
     )
+
+
+def dry_friction_share(fitted: Estimate, m: int) -> float:
+    """Dry friction of a motor's row over its torque, by their norms, as far as it is significantly positive."""
+    own, kinds = fitted.observation.motors[m], fitted.model.device.parameters.kinds
+    dry = [
+        k
+        for k in own.columns
+        if kinds[fitted.base.independent_columns[k]] == "FC"
+        and fitted.beta[k] > half_width(fitted.se[k], fitted.dof[k])
+    ]
+    beta = np.where(np.isin(np.arange(len(fitted.beta)), dry), fitted.beta, 0.0)
+    return float(np.linalg.norm(own.whole[:, :-1] @ beta[own.columns])) / own.norm if own.norm > 0 else 0.0
 
 
 def unit_error(factor: float, gears: Sequence[float], impossible: Collection[str] = ()) -> str | None:

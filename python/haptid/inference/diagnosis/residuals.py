@@ -16,7 +16,7 @@ from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
 from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
 from haptid.motion.motion import Motion
-from haptid.observation.plan import Plan
+from haptid.observation.plan import LEAST_BLOCKS, Plan
 from haptid.observation.rows import Chunk
 from haptid.uncertainty.distributions import chi2_tail, dagostino_pearson, normal_quantile, t_tail
 from haptid.uncertainty.multiple_testing import holm_adjusted
@@ -232,6 +232,14 @@ def half_power(e: Array, step: float) -> float:
     return float(f[int(np.argmax(below >= 0.5))] / step)
 
 
+def _longest_log(estimate: Estimate) -> float:
+    """Time that the blocks of the longest log cover, s."""
+    covered: dict[str, float] = {}
+    for block in estimate.observation.blocks:
+        covered[block.log] = covered.get(block.log, 0.0) + block.stop - block.start
+    return max(covered.values())
+
+
 def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     """Are the residuals white, and shorter correlated than the blocks that are the clusters?"""
     correlations = [serial_correlation(e, left.filter_stride, left.step) for e in left.e]
@@ -246,10 +254,16 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
         f"over up to {longest:.2g} s"
     )
     if status == "bad":
+        wanted = round(10 * longest, 1)
+        enough = LEAST_BLOCKS * wanted <= _longest_log(estimate)
         sentence += (
             f", longer than {100 * _LONGEST:.0f} % of a block of {block:.2g} s: neighbouring blocks are dependent and "
-            f"the intervals too narrow. Look for a missing term, and write block_s = {round(10 * longest, 1):g} under "
-            f"[treatment] in the study file, or Treatment(block_s={round(10 * longest, 1):g}) in Python."
+            "the intervals too narrow. Look for a missing term"
+        ) + (
+            f", and write block_s = {wanted:g} under [treatment] in the study file, or Treatment(block_s={wanted:g}) "
+            "in Python."
+            if enough
+            else f"; no log is as long as the {LEAST_BLOCKS} blocks of {wanted:g} s that would do: record longer."
         )
     elif coloured:
         sentence += (

@@ -19,7 +19,8 @@ QUOTABLE = 10.0
 MEANING: Mapping[str, str] = MappingProxyType(
     {
         "units and signs": "the torque disagrees in size or sign with the device file's bodies",
-        "moved from outside": "the torque holds the weight but does not move the bodies: a hand, or another, moves it",
+        "moved from outside": "the torque holds the weight but does not move the bodies: a hand, or another, moves "
+        "them, or the device file's inertia is far too large",
         "time delay": "torque and motion are not synchronous",
         "influence": "a single block of the log determines a parameter",
         "drift": "parameters change along the log",
