@@ -63,6 +63,28 @@ def smooth_condition(matrix: Array, power: int) -> tuple[float, Array] | None:
     None where C is not positive definite, or nearly singular.
     """
 
+def torque_of_play(
+    dt: float,
+    position: Array,
+    velocity: Array,
+    acceleration: Array,
+    inertia: Array,
+    rest: Array,
+    dry: float,
+    viscous: float,
+    plays: Array,
+) -> Array:
+    """Torque of a motor with its link in play less that without, (plays, samples), N m or N; zero at the last sample.
+
+    Args:
+        dt: sampling period, s.
+        position, velocity, acceleration: of the motor, (samples,), SI.
+        inertia: that it turns, (samples,).
+        rest: torque without that of inertia and friction, (samples,), N m or N.
+        dry, viscous: friction of motor and link, SI.
+        plays: size from flank to flank, shares of the link in inertia and friction, (plays, 3).
+    """
+
 def end_effector_dynamics(
     mechanism: Mechanism,
     position: Array,

@@ -30,6 +30,7 @@ mod regressor;
 mod simd;
 
 pub use dynamics::forward::{forward_dynamics, mass_matrix};
+pub use dynamics::play::{Play, PlayMotion, torque_of_play};
 pub use dynamics::rnea::inverse_dynamics;
 pub use end_effector::apparent_mass::{ApparentMassQuery, apparent_mass};
 pub use end_effector::jacobian::{BodyParameters, EndEffector, Poses, end_effector_dynamics};

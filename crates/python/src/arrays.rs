@@ -18,6 +18,14 @@ pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64
     Ok(matrix.as_slice()?)
 }
 
+/// The rows of a row-major matrix with N columns.
+pub fn rows_of<'a, const N: usize>(name: &str, matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [[f64; N]]> {
+    match matrix.shape() {
+        [_, columns] if *columns == N => Ok(row_major(matrix)?.as_chunks().0),
+        shape => Err(PyValueError::new_err(format!("{name} have shape {shape:?}; they must be (rows, {N})"))),
+    }
+}
+
 /// The numbers of a row-major matrix with a column for each sample.
 pub fn of_samples<'a>(name: &str, matrix: &'a PyReadonlyArray2<'_, f64>, samples: usize) -> PyResult<&'a [f64]> {
     match matrix.shape() {

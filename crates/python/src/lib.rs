@@ -9,6 +9,7 @@ mod end_effector;
 mod exact;
 mod loops;
 mod mechanism;
+mod play;
 mod threads;
 
 use arguments::Matrix;
@@ -95,5 +96,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(exact::real_rows, module)?)?;
     module.add_function(wrap_pyfunction!(end_effector::end_effector_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(end_effector::apparent_mass, module)?)?;
+    module.add_function(wrap_pyfunction!(play::torque_of_play, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))
 }

@@ -5,6 +5,7 @@ mod back_ends;
 mod dynamics;
 mod linear_algebra;
 mod mechanisms;
+mod play;
 
 use proptest::prelude::ProptestConfig;
 use proptest::test_runner::RngSeed;
