@@ -1,6 +1,7 @@
 """Standard error of an estimate's torque in other motion, and the status by it."""
 
 import dataclasses
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -105,3 +106,21 @@ def test_a_channel_that_hardly_moves_does_not_decide_the_status(phantom):
     assert dead.torque_uncertainty == pytest.approx(100 * np.sqrt(square))
     every = torque_uncertainty(alive.observation, alive.covariance, other_motion(alive.observation))
     assert alive.torque_uncertainty == pytest.approx(every)
+
+
+def test_a_gap_has_no_acceleration(phantom):
+    """Velocities on both sides of a gap are not a sample apart."""
+    log, many = recorded(phantom, noise=0.02), 20
+    ends = np.linspace(0, len(log.t), many + 1).astype(int)
+    kept = [np.arange(a, b - 400) for a, b in itertools.pairwise(ends)]
+    edges = np.cumsum([0, *map(len, kept)])
+    rows = np.concatenate(kept)
+    gone = dataclasses.replace(
+        log,
+        t=log.t[rows],
+        position=log.position[rows],
+        torque=log.torque[rows],
+        segments=tuple(itertools.pairwise(edges.tolist())),
+    )
+    known = [np.linalg.norm(other_motion(fitted(phantom, own).observation), axis=0) for own in (log, gone)]
+    assert (known[1] < 2 * known[0]).all()

@@ -144,9 +144,8 @@ def _informations(estimate: Estimate, motions: Sequence[Motion]) -> Iterator[tup
     weights, peaks = np.asarray(estimate.weights), np.zeros(len(rows))
     states = []
     for motion in motions:
-        low, high = motion.usable
-        high = min(high, low + MOST_SAMPLES // len(motions))
-        states.append([x[:, ::stride] for x in coordinates(model.device, motion, low, high)])
+        for part in motion.usable_parts(MOST_SAMPLES // len(motions)):
+            states.append([x[:, ::stride] for x in coordinates(model.device, motion, *part)])
     c, cd, cdd = (np.concatenate(each, axis=1) for each in zip(*states, strict=True))
     middle = 0.5 * (c.min(axis=1, keepdims=True) + c.max(axis=1, keepdims=True))
     for stroke, speed in _MOTIONS:

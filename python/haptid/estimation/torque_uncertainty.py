@@ -111,7 +111,14 @@ def _windows(motion: Motion, count: int) -> tuple[tuple[Array, Array], ...]:
     if count not in kept:
         low, high = motion.usable
         starts = np.linspace(low, max(high - _WINDOW, low), count).astype(int).tolist()
-        kept[count] = tuple(motion.state(start, min(start + _WINDOW, high)) for start in starts)
+        ends = [stop for _, stop in motion.usable_segments]
+        made = []
+        for start in starts:
+            # Velocities on both sides of a gap have no acceleration between them.
+            first, stop = motion.usable_segments[int(np.searchsorted(ends, start, side="right"))]
+            start = max(min(start, stop - _WINDOW), first)
+            made.append(motion.state(start, min(start + _WINDOW, stop)))
+        kept[count] = tuple(made)
     return kept[count]
 
 

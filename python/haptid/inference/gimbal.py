@@ -90,9 +90,13 @@ def gimbal_effect(estimate: Estimate) -> GimbalEffect | None:
 
 def torque_bound(model: DynamicModel, motion: Motion) -> Array:
     """Largest torque of every row beyond that of a point mass at the handle, (rows, samples), N m or N."""
+    return np.hstack([_torque_bound(model, motion, *part) for part in motion.usable_parts(_MOST)])
+
+
+def _torque_bound(model: DynamicModel, motion: Motion, start: int, stop: int) -> Array:
+    """The same of samples start..stop, without a gap."""
     gimbal = model.device.gimbal
-    start, stop = motion.usable
-    c, cd, _ = coordinates(model.device, motion, start, min(stop, start + _MOST))
+    c, cd, _ = coordinates(model.device, motion, start, stop)
     if gimbal is None or gimbal.state == "locked":
         return np.zeros_like(c)
     moved = handle_motion(model, np.linalg.solve(model.device.row_map, c))

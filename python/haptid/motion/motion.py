@@ -162,6 +162,17 @@ class Motion:
             raise too_short(longest * self.dt, (before + after) * self.dt, lost_to, self.treatment.decimation)
         return usable
 
+    def usable_parts(self, most: int) -> Spans:
+        """The usable segments, cut off after `most` samples of them: rates of samples beside a gap are not its own."""
+        parts, left = [], most
+        for start, stop in self.usable_segments:
+            stop = min(stop, start + left)
+            if stop - start < 2:
+                break
+            parts.append((start, stop))
+            left -= stop - start
+        return tuple(parts)
+
     def times(self, samples: NDArray[np.intp]) -> Array:
         """Times of samples, s."""
         if self.log and len(self.segments) > 1:

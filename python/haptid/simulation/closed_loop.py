@@ -297,7 +297,7 @@ def smooth(model: DynamicModel, motions: Sequence[Motion], share: float) -> Dyna
         motions: the width is a share of each term's root mean square speed along them.
         share: of that speed.
     """
-    states = [state(model.device, motion, *motion.usable) for motion in motions]
+    states = [state(model.device, motion, *part) for motion in motions for part in motion.usable_segments]
     terms = []
     for term in model.terms:
         if term.dry and term.constant("width") == 0:

@@ -115,10 +115,9 @@ def _scales(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Arra
     """Speed and acceleration of the fastest coordinate with the same unit of torque, (coordinates,) each."""
     speed, acceleration = np.zeros(len(model.device.row_names)), np.zeros(len(model.device.row_names))
     for motion in motions:
-        low, high = motion.usable
-        _, cd = state(model.device, motion, low, min(high, low + _SAMPLES))
+        parts = [state(model.device, motion, *part)[1] for part in motion.usable_parts(_SAMPLES)]
+        cd, cdd = np.hstack(parts), np.hstack([np.gradient(own, motion.dt, axis=1) for own in parts])
         speed = np.maximum(speed, np.sqrt((cd**2).mean(axis=1)))
-        cdd = np.gradient(cd, motion.dt, axis=1) if cd.shape[1] > 1 else np.zeros_like(cd)
         acceleration = np.maximum(acceleration, np.sqrt((cdd**2).mean(axis=1)))
     units = np.array(model.device.torque_units)
     for unit in set(model.device.torque_units):
