@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import haptid
+from haptid.estimation.block_moments import ALONE
 from haptid.estimation.intervals.added_columns import Bordered, _inverse_root
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution
-from haptid.estimation.method import ALONE
 from haptid.observation.observation import stacked
 from motions import motion, truth
 

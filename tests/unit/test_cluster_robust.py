@@ -8,7 +8,7 @@ from scipy import linalg
 
 import haptid
 from haptid.estimation import BlockJackknife, ClusterRobust, Ridge
-from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.estimation.block_moments import Adjustment
 from haptid.observation.rows import Rows
 from motions import motion, truth
 from sampling import of_mean
@@ -73,6 +73,19 @@ def test_light_blocks_are_summed_to_the_same(size):
     s = rng.normal(size=(5, 4))
     expected = [np.linalg.solve(linalg.sqrtm(np.eye(4) - g).real, v) for g, v in zip(G, s, strict=True)]
     np.testing.assert_allclose(Adjustment.of(G).times(s), expected, rtol=1e-10)
+
+
+def test_nuisances_of_the_same_rows_move_scores_alone(rows):
+    """A fit with other nuisances shares what they do not change, and is what it is without sharing."""
+    fit = haptid.estimate(rows, haptid.WLS()).fit
+    first, second = 1e-3 * np.random.default_rng(0).normal(size=(2, len(rows.blocks), len(fit.solution.beta)))
+    moved = fit.with_moved(first).with_moved(second)
+    assert moved.pooled_moments.adjustment is fit.pooled_moments.adjustment
+    for shared, own in ((moved, replace(fit, moved=second)), (moved.with_moved(None), replace(fit))):
+        got, wanted = ClusterRobust().spread(shared), ClusterRobust().spread(own)
+        np.testing.assert_array_equal(got.covariance, wanted.covariance)
+        np.testing.assert_array_equal(got.dof, wanted.dof)
+    assert not np.allclose(moved.pooled_moments.s, fit.pooled_moments.s)
 
 
 def test_of_white_rows_the_variance_is_unbiased(model):

@@ -40,7 +40,7 @@ def like(made: Estimate, other: Estimate) -> Estimate:
     """
     bias, moved = carried(made, (other.fit.solution.beta - other.free)[None])[0], other.fit.moved
     nuisances = {name: carried(made, shifts) for name, shifts in other.nuisances.items()}
-    fit = other.fit if moved is None else replace(other.fit, moved=carried(made, moved))
+    fit = other.fit if moved is None else other.fit.with_moved(carried(made, moved))
     made = less(made, bias) if bias.any() else made
     return made.with_nuisances_of(replace(other, fit=fit, nuisances=nuisances))
 
@@ -56,7 +56,7 @@ def less(estimate: Estimate, bias: Array) -> Estimate:
         return replace(estimate, quantities=replace(own, values=read_only(free)))
     now = estimate.method.constrain(estimate.observation, replace(estimate.fit.solution, beta=free))
     # That of the estimate's first notes, without nuisances.
-    first = estimate.intervals.spread(replace(estimate.fit, moved=None))
+    first = estimate.intervals.spread(estimate.fit.with_moved(None))
     half = half_width(np.sqrt(np.diag(first.covariance)), first.dof)
     gone, status = before.notes(half), estimate.status
     if now.constrained_outside_ci(half):

@@ -338,7 +338,7 @@ class Estimate:
         Args:
             moved: by how much the errors of each time block move the parameters through them, (blocks, p), SI.
         """
-        made = replace(self, fit=replace(self.fit, moved=read_only(moved)))
+        made = replace(self, fit=self.fit.with_moved(read_only(moved)))
         spread = made.spread(np.eye(len(self.beta)))
         return replace(made, quantities=replace(self.quantities, covariance=spread.covariance, dof=spread.dof))
 

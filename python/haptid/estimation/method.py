@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, positive, whole
 from haptid.errors import ConvergenceError, SettingError, setting_error
+from haptid.estimation.block_moments import BATCH, BlockMoments
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.observation.observation import Observation, stacked
 
@@ -19,70 +20,6 @@ from haptid.observation.observation import Observation, stacked
 # pull all parameters towards zero by about n over the squared ratio of signal to noise that the motors' rows have of
 # them together. With a tenth of the weight the pull is a hundredth of it, and what no motor's row tells is found alike.
 FREE_SHARE = 0.1
-
-# Leverage above which a block alone determines a direction: without it the fit is singular.
-ALONE = 1.0 - 1e-6
-# A combination depends on such a block when this share of its variance lies in that direction.
-MOSTLY = 0.1
-# Blocks processed at a time, so that intermediate arrays stay in the caches.
-BATCH = 32
-
-
-@dataclass(frozen=True, eq=False)
-class BlockMoments:
-    """Normal equations and scores of each block of rows, in coordinates g with beta = root g, in which the sum is 1.
-
-    sum G + pull'pull is the unit matrix; the scores s add up to zero.
-
-    Attributes:
-        G: W'W of each cell, (cells, k, k); a cell is one block of one motor, or of all motors.
-        s: W'e of each cell, its score, (cells, k).
-        block: of each cell, (cells,).
-    """
-
-    G: Array
-    s: Array
-    block: np.ndarray
-
-    @cached_property
-    def _high_leverage(self) -> tuple[np.ndarray, Array, Array]:
-        """Cells that may determine a direction alone; eigenvalues (heavy, k) and eigenvectors in columns of their G.
-
-        No eigenvalue is larger than the Frobenius norm, so most cells need no eigendecomposition.
-        """
-        cells = np.flatnonzero(np.einsum("bij,bij->b", self.G, self.G) > ALONE**2)
-        values, vectors = np.linalg.eigh(self.G[cells])
-        return cells, values, vectors
-
-    @cached_property
-    def leave_out_shifts(self) -> Array:
-        """Change of g when each cell is left out, with opposite sign, (1 - G)^-1 s, (cells, k)."""
-        heavy, values, vectors = self._high_leverage
-        light = np.setdiff1d(np.arange(len(self.s)), heavy)
-        shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
-        shifts = np.empty_like(self.s)
-        shifts[heavy] = np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s[heavy]) * shrink)
-        eye = np.eye(self.s.shape[1])
-        for batch in np.array_split(light, 1 + len(light) // BATCH):
-            shifts[batch] = np.linalg.solve(eye - self.G[batch], self.s[batch, :, None])[..., 0]
-        return shifts
-
-    def alone(self, combinations: Array, known: tuple[Array, Array] | None = None) -> np.ndarray:
-        """Combinations (q, k) of g that only a single cell excites, as indices.
-
-        Args:
-            combinations: (q, k).
-            known: eigenvalues (cells, k) and eigenvectors of the G of all cells of high leverage, if they have been
-                computed.
-        """
-        values, vectors = known or self._high_leverage[1:]
-        cells = np.flatnonzero((values > ALONE).any(axis=1))
-        single = np.where(values[cells, None] > ALONE, np.abs(combinations @ vectors[cells]), 0.0)
-        return np.flatnonzero(((single**2).sum(axis=2) > MOSTLY * (combinations**2).sum(axis=1)).any(axis=0))
-
-    def shares(self, combinations: Array) -> Array:
-        """Share of each cell in the information on combinations (q, k) of g, (cells, q)."""
-        return np.asarray(np.einsum("bqj,qj->bq", combinations @ self.G, combinations))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,15 +53,25 @@ class Fit:
     @cached_property
     def pooled_moments(self) -> BlockMoments:
         """Of every block of time, summed over motors, and through the nuisances of the same rows."""
+        made, added = self._own_moments, self.moved_scores
+        return made if added is None else made.with_scores(made.s + added[made.block])
+
+    @cached_property
+    def _own_moments(self) -> BlockMoments:
+        """Of every block of time, summed over motors, without nuisances."""
         count, k = len(self.observation.blocks), self.solution.root.shape[1]
         G, s, present = np.zeros((count, k, k)), np.zeros((count, k)), np.zeros(count, dtype=bool)
         for blocks, gram, score in self._cells():
             G[blocks] += gram
             s[blocks] += score
             present[blocks] = True
-        if self.moved_scores is not None:
-            s[present] += self.moved_scores[present]
         return BlockMoments(G[present], s[present], np.flatnonzero(present))
+
+    def with_moved(self, moved: Array | None) -> Fit:
+        """The fit with the errors of other nuisances of the same rows, or of none; see `moved`."""
+        made = replace(self, moved=moved)
+        vars(made)["_own_moments"] = self._own_moments  # which nuisances do not change
+        return made
 
     @cached_property
     def classical_covariance(self) -> Array:

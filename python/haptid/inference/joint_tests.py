@@ -17,7 +17,7 @@ from haptid._internal.arrays import Array, freeze
 from haptid._internal.roots import bracketed_root
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.estimation.block_moments import Adjustment
 from haptid.estimation.intervals.clusters import Clusters
 from haptid.uncertainty.distributions import f_quantile, f_tail, noncentral_f_tail
 from haptid.uncertainty.multiple_testing import holm_adjusted

@@ -17,7 +17,7 @@ from scipy import linalg
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
-from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.estimation.block_moments import Adjustment
 from haptid.motion.motion import Motion
 from haptid.motion.periods import motion_period
 from haptid.observation.augmented import ResidualContext

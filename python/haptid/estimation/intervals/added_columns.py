@@ -15,8 +15,8 @@ import numpy as np
 from scipy import linalg, special
 
 from haptid._internal.arrays import Array
-from haptid.estimation.intervals.cluster_robust import LEAST_DOF, LOW_LEVERAGE
-from haptid.estimation.method import ALONE
+from haptid.estimation.block_moments import ALONE, LOW_LEVERAGE
+from haptid.estimation.intervals.cluster_robust import LEAST_DOF
 from haptid.observation.observation import MotorRows, stacked
 from haptid.observation.r_factor import r_factor
 

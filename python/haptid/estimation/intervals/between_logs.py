@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
-from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.estimation.block_moments import Adjustment, BlockMoments
 from haptid.estimation.intervals.covariance import with_prior_variance
-from haptid.estimation.method import BlockMoments, Fit
+from haptid.estimation.method import Fit
 from haptid.uncertainty.distributions import f_tail
 from haptid.uncertainty.multiple_testing import holm_adjusted
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width

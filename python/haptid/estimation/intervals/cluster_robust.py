@@ -16,17 +16,14 @@ from scipy import fft
 
 from haptid._internal.arrays import Array, whole
 from haptid.errors import setting_error
+from haptid.estimation.block_moments import Adjustment, BlockMoments
 from haptid.estimation.intervals.covariance import Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution
-from haptid.estimation.method import ALONE, BlockMoments, Fit
+from haptid.estimation.method import Fit
 from haptid.observation.observation import Observation
 
 # Least degrees of freedom: with fewer effective blocks an interval means nothing.
 LEAST_DOF = 2.0
-# Blocks of at most this leverage (Frobenius norm) are corrected by a binomial series instead of eigenvalues.
-LOW_LEVERAGE = 0.5
-# Relative size of the terms of that series that are dropped.
-_NEGLIGIBLE = 1e-13
 # Least number of cosines of the fixed-b series.
 _FEWEST_COSINES = 3
 
@@ -44,7 +41,7 @@ class ClusterRobust:
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them; a prior adds its own variance."""
         moments, own = fit.pooled_moments, fit.combined(combinations)
-        adjustment = Adjustment.of(moments.G)
+        adjustment = moments.adjustment
         scores = adjustment.times(moments.s) @ own.T
         dof = _cr2_freedom(moments, adjustment, own)
         covariance, dof = with_prior_variance(scores.T @ scores, dof, own, fit.solution.pull)
@@ -62,50 +59,6 @@ def clustered(
         combinations: of base parameters, (q, p); each base parameter where None.
     """
     return ClusterRobust().spread(Fit(observation, weights, solution, True), combinations)
-
-
-@dataclass(frozen=True, eq=False)
-class Adjustment:
-    """(1 - G)^-1/2 of every block, the CR2 correction of its residual for its leverage.
-
-    Attributes:
-        G: (blocks, k, k).
-        heavy: blocks of high leverage, as indices.
-        roots: of those, (heavy, k, k).
-        eigen: eigenvalues (heavy, k) and eigenvectors of their G.
-    """
-
-    G: Array
-    heavy: np.ndarray
-    roots: Array
-    eigen: tuple[Array, Array]
-
-    @staticmethod
-    def of(G: Array) -> Adjustment:
-        """Of the blocks' matrices."""
-        heavy = np.flatnonzero(np.einsum("bij,bij->b", G, G) > LOW_LEVERAGE**2)
-        values, vectors = np.linalg.eigh(G[heavy])
-        scale = (1.0 - np.minimum(values, ALONE)) ** -0.5
-        roots = (vectors * scale[:, None, :]) @ vectors.transpose(0, 2, 1)
-        return Adjustment(G, heavy, roots, (values, vectors))
-
-    def times(self, s: Array) -> Array:
-        """Times a vector of each block, (blocks, k); the binomial series for blocks of low leverage."""
-        total, term, n = s.copy(), s, 1
-        light = np.ones(len(s), dtype=bool)
-        light[self.heavy] = False
-        while np.abs(term[light]).max(initial=0.0) > _NEGLIGIBLE * np.abs(total[light]).max(initial=0.0):
-            term = np.einsum("bij,bj->bi", self.G, term) * ((2 * n - 1) / (2 * n))
-            total, n = total + term, n + 1
-        total[self.heavy] = np.einsum("bij,bj->bi", self.roots, s[self.heavy])
-        return total
-
-    def carried(self, combinations: Array) -> Array:
-        """G (1 - G)^-1/2 times combinations (q, k), (blocks, k, q); second order in G for blocks of low leverage."""
-        once = self.G @ combinations.T
-        carried = once + 0.5 * self.G @ once
-        carried[self.heavy] = self.G[self.heavy] @ (self.roots @ combinations.T)
-        return carried
 
 
 def _cr2_freedom(moments: BlockMoments, adjustment: Adjustment, combinations: Array) -> Array:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
-from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.estimation.block_moments import Adjustment
 from haptid.estimation.method import Fit
 
 # Blocks whose motion is alike are at most this many groups, and at least a third of the blocks.

@@ -9,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.estimation.block_moments import BlockMoments
 from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import BlockMoments, Fit, UnitVarianceRows, expect_motors, expect_whole
+from haptid.estimation.method import Fit, UnitVarianceRows, expect_motors, expect_whole
 from haptid.estimation.methods.wls import WLS, FeasibleGLS
 from haptid.motion.channels import channel_shares
 from haptid.observation.observation import Observation

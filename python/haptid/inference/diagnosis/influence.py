@@ -9,8 +9,8 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.errors import EstimationError
 from haptid.estimation import WLS, Estimate, Restricted, estimate
+from haptid.estimation.block_moments import ALONE
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import ALONE
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, joined_names
 from haptid.uncertainty.distributions import t_tail
 
