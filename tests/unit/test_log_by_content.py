@@ -73,6 +73,26 @@ def test_several_recordings_in_one_table_whose_joints_move_alike() -> None:
     assert found.torques == ("c7", "c8", "c9")
 
 
+def test_joints_of_one_stroke_are_found_as_a_block_of_columns() -> None:
+    """Strokes of 1.5 s look alike, and one that is nearly even like a clock; accelerations follow rates as these do
+    positions. Columns of a public arm's collisions were drafted one joint further than they are."""
+    t, rng = 0.01 * np.arange(150)[:, None], np.random.default_rng(1)
+    w, phase, size = (rng.uniform(*ends, (1, 7)) for ends in ((0.5, 2.5), (0.0, 6.0), (0.2, 1.0)))
+    q, qd, qdd = (
+        size * np.sin(w * t + phase),
+        size * w * np.cos(w * t + phase),
+        -size * w**2 * np.sin(w * t + phase),
+    )
+    q[:, 2:3], qd[:, 2:3], qdd[:, 2:3] = 0.5 * t + 0.05 * t**2, 0.5 + 0.1 * t, np.full_like(t, 0.1)
+    tau = rng.standard_normal((1, 7)) * np.cos(q) + 0.3 * qdd + 0.05 * rng.standard_normal(q.shape)
+    qdd = qdd + 0.2 * rng.standard_normal(q.shape)
+    table = np.hstack([t, tau, q, qd, qdd]) + 1e-4 * rng.standard_normal((150, 29)) * (np.arange(29) > 0)
+    found = Content.of({f"c{k}": x for k, x in enumerate(table.T)})
+    assert found.positions == tuple(f"c{k}" for k in range(8, 15))
+    assert found.rates == tuple(f"c{k}" for k in range(15, 22))
+    assert found.torques == tuple(f"c{k}" for k in range(1, 8))
+
+
 def test_torques_of_the_positions_own_array_come_first() -> None:
     parts = signals()
     columns = {f"I{k}": x for k, x in enumerate(np.random.default_rng(9).standard_normal(parts["tau"].shape).T)}

@@ -81,17 +81,18 @@ class Content:
         if len(moving) < 2:
             return Content()
         time = next((k for k in range(len(names)) if steady[k] and not _counts(rows[k])), None)
-        found = _chains(rows[moving])
+        linked = _linked(rows)
+        found = _chains(linked[np.ix_(moving, moving)])
         first = next(k for k in range(len(names)) if not steady[k])
         arrays = [name.partition("[")[0] for name in names]
         pairs = {moving[i]: moving[j] for i, j in found.items()}
         own = Counter(arrays[i] for i, j in pairs.items() if arrays[i] == arrays[j] != names[i])
         if own:  # positions and rates are one array
             first = next(k for k, array in enumerate(arrays) if array == own.most_common(1)[0][0] and not steady[k])
-        at = _whole_block(pairs, first, len(names))
+        at, block = _whole_block(pairs, first, linked)
         heads = sorted(i for i in at if i not in set(at.values()))
         together = len(set(arrays)) > 1 and {arrays[k] for k in heads} == {arrays[first]}
-        heads = _measured(rows, heads, at if together else {})
+        heads = _measured(rows, heads, at if together else {}, block)
         used = {*at, *at.values(), *_second_rates(at, heads, len(names))}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
@@ -158,29 +159,48 @@ def _straightened(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(made / np.where(norm > 1e-9 * np.abs(rows).max(axis=1, keepdims=True), norm, np.inf))
 
 
-def _chains(rows: NDArray[np.float64]) -> dict[int, int]:
-    """The velocity row of each position row that has one: each is the other's best by correlation with the integral."""
+def _linked(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Correlation of each row with the integral of each other one, but for straight lines, (rows, rows)."""
     integrals = np.cumsum(rows - rows.mean(axis=1, keepdims=True), axis=1)
     r = _straightened(rows) @ _straightened(integrals).T
     np.fill_diagonal(r, 0.0)
+    return np.asarray(r)
+
+
+def _chains(linked: NDArray[np.float64]) -> dict[int, int]:
+    """The velocity row of each position row that has one: each is the other's best by correlation with the integral."""
     made = {}
-    for i in range(len(rows)):
-        j = int(np.argmax(r[i]))
-        if r[i, j] > _INTEGRAL and r[i, j] > r[:, j].max() - _EQUAL:
+    for i, r in enumerate(linked):
+        j = int(np.argmax(r))
+        if r[j] > _INTEGRAL and r[j] > linked[:, j].max() - _EQUAL:
             made[i] = j
     return made
 
 
-def _whole_block(at: dict[int, int], first: int, size: int) -> dict[int, int]:
-    """The pairs with those of joints that hardly moved, where positions come first and then, as many, their rates."""
-    apart = [j - i for i, j in at.items() if j > i]
+def _whole_block(at: dict[int, int], first: int, linked: NDArray[np.float64]) -> tuple[dict[int, int], range]:
+    """The pairs with those of joints that hardly moved, where positions come first and then, as many, their rates.
+
+    So with those of joints that move alike, or evenly, in short logs, where such columns are anywhere. The columns of
+    the block's positions are the second value returned, none where there is no block.
+    """
+    apart, size = [j - i for i, j in at.items() if j > i], len(linked)
     usual = max(apart, key=apart.count, default=0)
+    first = _start(linked, usual, first)
     block = range(first, first + usual)
     if usual < 2 or first + 2 * usual > size or not any(i in block and j == i + usual for i, j in at.items()):
-        return at
+        return at, range(0)
     rates = range(first + usual, first + 2 * usual)
     others = {i: j for i, j in at.items() if i not in block and j not in block and j not in rates}
-    return others | {k: k + usual for k in block}
+    return others | {k: k + usual for k in block}, block
+
+
+def _start(linked: NDArray[np.float64], usual: int, first: int) -> int:
+    """First column of as many positions as their rates are columns further: accelerations follow them likewise."""
+    apart = np.diagonal(linked, usual)
+    if usual < 2 or len(apart) < usual:
+        return first
+    least = np.lib.stride_tricks.sliding_window_view(apart, usual).min(axis=1)
+    return int(np.argmax(least > least.max() - _EQUAL)) if least.max() > _INTEGRAL else first
 
 
 def _second_rates(at: dict[int, int], heads: list[int], size: int) -> set[int]:
@@ -191,13 +211,14 @@ def _second_rates(at: dict[int, int], heads: list[int], size: int) -> set[int]:
     return {k for k in found if 0 <= k < size and k not in heads}
 
 
-def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int]) -> list[int]:
+def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int], block: Container[int]) -> list[int]:
     """Positions without planned copies of their size, which are smoother; the first ones where none is rougher.
 
     A copy may be in the other unit of angles.
 
     Args:
         own: rates of positions in one array: those with different rates, of which none is rougher, move in step.
+        block: positions side by side, each as far from its rate: so with them.
     """
     z = _straightened(rows[heads]) if heads else rows
     rough = [float(np.std(np.diff(rows[k], 4)) / max(np.std(rows[k]), np.finfo(float).tiny)) for k in heads]
@@ -206,7 +227,8 @@ def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int
     for a in range(len(heads)):
         for b in range(a + 1, len(heads)):
             alike = z[a] @ z[b] > _COPY and bool(_of_one_size(size[b] / size[a]))
-            if own and own.get(heads[a]) != own.get(heads[b]):
+            apart = (own and own.get(heads[a]) != own.get(heads[b])) or (heads[a] in block and heads[b] in block)
+            if apart:
                 alike = alike and max(rough[a], rough[b]) > _ROUGHER * min(rough[a], rough[b])
             if a not in gone and b not in gone and alike:
                 gone.add(a if rough[b] > _ROUGHER * rough[a] else b)
