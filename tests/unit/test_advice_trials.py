@@ -162,6 +162,52 @@ def test_what_the_simulated_log_has_is_taken_off_and_asked_for_only_where_it_dec
     assert asked
 
 
+def test_how_the_simulated_logs_vary_with_the_encoders_steps_is_variance():
+    """Of few logs: their variance counts with their degrees of freedom, by Welch and Satterthwaite."""
+    rows, plain = bench(extra=0.2)
+    setting, spread = Setting(terms=(((3,),),)), np.array([-0.1, -0.05, 0.05, 0.1])
+    trial = plain.run(setting)
+    simulated = tuple(replace(rows, y=shift * rows.W[:, :, 3]).whole.grams() for shift in spread)
+    made = replace(plain, roundings=lambda: simulated)
+    of_blocks, of_steps = plain.standard_errors(trial)[0] ** 2, spread.var(ddof=1)
+    whole = of_blocks + of_steps
+    dof = whole**2 / (of_blocks**2 / plain._clustered(trial)[1] + of_steps**2 / 3)
+    expected = 2 * stats.t.sf(trial.whole.theta[3] / np.sqrt(whole), dof)
+    assert made.p_value(trial) == pytest.approx(expected, rel=1e-6)
+    assert plain.p_value(trial) < 1e-3 < made.p_value(trial)
+
+
+def test_a_gain_by_chance_proves_no_term():
+    """Halves of a log that pass through other states: each fit's error on the other half is one error for all blocks.
+
+    A column that does nothing makes it smaller by chance, in all blocks alike, and their scatter does not show that.
+    """
+    rng, draws, proofs, term = np.random.default_rng(8), 200, [], Setting(terms=(((4,),),))
+    block, used = np.arange(480) // 20, np.ones((1, 480), dtype=bool)
+    for _ in range(draws):
+        x = rng.uniform(-0.2, 1, 480) * np.where(block % 2, 1, -1)
+        W = np.stack([np.ones(480), x, x**2, x**3, np.abs(x)], axis=1)[None]
+        y = rng.normal(size=(1, 480))
+        rows = TrialRows(W, y, used, block, np.arange(480.0), ((4,),), y, y, block, block)
+        made = Bench({"used": rows.grams()}, 4, np.arange(4), np.ones(1), np.ones((1, 1)))
+        trial = made.run(term)
+        proofs.append((gain(made.run(Setting()), trial).p < 0.01, made.p_value(trial) < 0.01))
+    by_gain, by_parameters = np.sum(proofs, axis=0)
+    most = stats.binom.ppf(0.9999, draws, 0.01)
+    assert by_parameters <= most
+    assert by_gain > 3 * most
+
+
+@pytest.mark.parametrize("kind", ["stribeck", "load friction", "presliding"])
+@pytest.mark.parametrize("size", [0.5, -0.5])
+def test_friction_that_gives_energy_has_another_cause(kind, size):
+    """In logs with noise inside the loop wrong delays and noise that is fed back look like such terms."""
+    made = bench(extra=size)[1]
+    one = TriedChange(kind, ("motor 1",), Setting(terms=(((3,),),)))
+    found = proven(SimpleNamespace(candidates=(one,), bench=made, base=lambda: made.run(Setting())))
+    assert [each.candidate for each in found] == [one] * (size > 0)
+
+
 @pytest.mark.parametrize(("kind", "tested"), [("length", False), ("spring", True)])
 def test_what_is_alone_and_too_small_is_not_tested(kind, tested):
     """A spring at one joint may be one of several; no action is a length that takes one per cent off."""

@@ -47,6 +47,24 @@ RIGHT = {
     "white noise": ARM,
     "coarse encoders": Case(3, "arm2", 500, 12, 1.2, 3, bits=11, friction=0.5, noise="AR", level=0.01),
     "noise inside the loop": Case(4, "arm2", 500, 8, 1.2, 3, bits=16, level=0.01, loop=True, delay=1.0),
+    # Rounding that is the same in every period, as a ripple is.
+    "steps that come back": Case(
+        57982019,
+        "axis",
+        500,
+        12,
+        1.9715468810396102,
+        5,
+        bits=11,
+        friction=0.1,
+        noise="AR",
+        level=0.005622527985945208,
+        delay=0.5,
+    ),
+    # A fit with a ripple errs less on all unseen blocks, by chance.
+    "a lucky fit": Case(
+        71831106, "arm3", 500, 20, 2.461400720907694, 4, bits=12, friction=0.3, level=0.02906740741156694, delay=1.0
+    ),
 }
 
 

@@ -16,7 +16,7 @@ from haptid.device.toml.reader import device_of
 from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
-from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate
+from haptid.inference.diagnosis.lack_of_fit import FINEST, FrictionCoordinate
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.geometry_slopes import (
     SLOPE_STEP,
@@ -55,6 +55,7 @@ class Source:
         place: where, "motor 2"; index of the row or the friction coordinate is `index`.
         alternatives: columns each, of which a fit chooses one.
         settings: of each alternative, for the sentence and the edit.
+        looked_at: how many alternatives there were before these were picked by the residual, over their number.
     """
 
     kind: str
@@ -62,6 +63,7 @@ class Source:
     index: int
     alternatives: tuple[Column, ...]
     settings: tuple[Mapping[str, Any], ...] = ({},)
+    looked_at: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +192,9 @@ def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[floa
     def waves(period: float) -> Column:
         return _scalar(place, lambda x, _: np.stack([np.sin(2 * np.pi * x / period), np.cos(2 * np.pi * x / period)]))
 
-    return Source("ripple", place.label, index, tuple(map(waves, periods)), tuple({"period": p} for p in periods))
+    settings = tuple({"period": p} for p in periods)
+    # Waves in the range that are not alike: one for each number of periods.
+    return Source("ripple", place.label, index, tuple(map(waves, periods)), settings, 1 / FINEST / len(periods))
 
 
 def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: float) -> Iterator[Source]:

@@ -20,6 +20,7 @@ from haptid.motion.channels import channel_shares, channel_torque, coordinates, 
 from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.augmented import torque_of
+from haptid.treatment_choice.rounding import Lattice, lattices
 
 # A channel is dead if more than this share of its samples is one value while its joint moves,
 DEAD = 0.3
@@ -116,30 +117,57 @@ def _stuck(x: Array) -> np.ndarray:
 
 
 def simulated_rows(
-    rows: BaseRows, motions: Sequence[Motion], beta: Array, columns: Sequence[Column], blocks: int
+    rows: BaseRows,
+    motions: Sequence[Motion],
+    beta: Array,
+    columns: Sequence[Column],
+    blocks: int,
+    lattice: Lattice | None = None,
 ) -> Grams | None:
     """Gram matrices of the same rows of logs made by the model, as one block; None where there are no such logs.
 
     Of logs on disk the samples under the rows are simulated, and no others.
     """
-    model, on_disk = rows.model, any(isinstance(motion.q, OnDisk) for motion in motions)
+    model, there = rows.model, _in_memory(rows, motions)
     try:
-        there = list(excerpts(rows)) if on_disk else motions
-        logs = [log for motion in there if (log := simulated_log(model, motion, beta)) is not None]
+        logs = [log for motion in there if (log := simulated_log(model, motion, beta, lattice)) is not None]
         if len(logs) < len(there):
             return None
         made = trial_rows(model, logs, beta, columns, there)
     except HaptidError:
         return None
-    return made.whole.grams() if on_disk or made.blocks == blocks else None
+    return made.whole.grams() if there is not motions or made.blocks == blocks else None
 
 
-def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | None:
+def _in_memory(rows: BaseRows, motions: Sequence[Motion]) -> Sequence[Motion]:
+    """The motions themselves, or of those on disk the samples under the rows."""
+    return list(excerpts(rows)) if any(isinstance(motion.q, OnDisk) for motion in motions) else motions
+
+
+def rounded_rows(
+    rows: BaseRows, motions: Sequence[Motion], beta: Array, columns: Sequence[Column], blocks: int
+) -> tuple[Grams, ...]:
+    """As `simulated_rows`, several times with the encoders' steps elsewhere; none where noise is larger than steps.
+
+    Where a motion comes back, rounding is the same in every period, and no scatter of blocks shows what it has of a
+    candidate column.
+    """
+    if not any(motion.log is not None and _steps(motion).any() for motion in _in_memory(rows, motions)):
+        return ()
+    every = lattices(motions[0].q.shape[1])
+    made = (simulated_rows(rows, motions, beta, columns, blocks, one) for one in every)
+    return tuple(one for one in made if one is not None)
+
+
+def simulated_log(model: DynamicModel, motion: Motion, beta: Array, lattice: Lattice | None = None) -> Motion | None:
     """The motion's log as the model would have made it, with the same noise of the encoders, treated the same.
 
     What candidate columns have in it is made by noise, steps and filters and not by a missing term: positions are the
     filtered ones with noise, or steps, of the log's size; the torque is the model's at the filtered positions.
     None where there is no log, or the torque cannot be assigned to its channels.
+
+    Args:
+        lattice: on which the steps lie; where the filtered positions' multiples of them are for None.
     """
     log = motion.log
     if log is None or motion.treatment.momentum:
@@ -157,19 +185,27 @@ def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | 
         if log.channels.torque.side == "motor":
             made = made / motor_torque(model.device, log, np.ones((len(made), 1)))
         torque[low:high] = made.T
-        q = np.asarray(smooth.q)
-        noisy = q + _noise(np.asarray(log.position) - q)
-        steps = [np.abs(np.diff(x)) for x in np.asarray(log.position).T]
-        for k, own in enumerate(steps):
-            step = float(own[own > 0].min()) if (own > 0).any() else 0.0
-            error = np.asarray(log.position)[low:high, k] - q[low:high, k]
-            if step > 0 and error.std() < step:
-                noisy[:, k] = step * np.round(q[:, k] / step)
-        return treat(replace(log, position=noisy, torque=torque), plain)
+        q, steps = np.asarray(smooth.q), _steps(smooth)
+        # The noise backwards in time has its spectrum, but is not of this motion.
+        noisy = np.where(steps > 0, q, q + (np.asarray(log.position) - q)[::-1])
+        return treat(replace(log, position=(lattice or _own(len(steps))).rounded(noisy, steps), torque=torque), plain)
     except HaptidError:
         return None
 
 
-def _noise(error: Array) -> Array:
-    """The noise of the positions, backwards in time: with its spectrum, but not of this motion."""
-    return np.asarray(error[::-1])
+def _steps(motion: Motion) -> Array:
+    """Steps of the encoders whose rounding is most of what the filtered positions leave, rad or m; 0 of the others."""
+    assert motion.log is not None  # as the callers have checked
+    low, high = motion.usable
+    made = np.zeros(motion.q.shape[1])
+    for k, x in enumerate(np.asarray(motion.log.position).T):
+        moved = np.abs(np.diff(x))
+        step = float(moved[moved > 0].min()) if moved.any() else 0.0
+        if (x[low:high] - np.asarray(motion.q)[low:high, k]).std() < step:
+            made[k] = step
+    return made
+
+
+def _own(channels: int) -> Lattice:
+    """The multiples of each encoder's step."""
+    return Lattice(np.zeros(channels), np.ones(channels))

@@ -14,7 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.contact import at_rest, contact, elsewhere
-from haptid.advice.recorder import ChannelFault, faults, simulated_rows
+from haptid.advice.recorder import ChannelFault, faults, rounded_rows, simulated_rows
 from haptid.advice.rows import BaseRows, TrialRows
 from haptid.advice.spoiled import SpoiledPart
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
@@ -42,6 +42,8 @@ _OTHER_LOG = 4.0
 LARGEST_CHANGE = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
 # Terms that joints of coupled motors may have besides the motors.
 _OF_A_JOINT = ("coulomb", "viscous", "spring")
+# Terms whose parameters are not negative, as friction takes energy: one below zero has another cause, such as a delay.
+_NOT_NEGATIVE = ("coulomb", "viscous", "stribeck", "presliding", "load friction", "rotor inertia")
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
@@ -76,6 +78,11 @@ class TriedChange:
     geometry: Geometry | None = None
     fault: ChannelFault | None = None
     seconds: float = 0.0
+
+    @property
+    def looked_at(self) -> float:
+        """As of its sources."""
+        return max((source.looked_at for source in self.sources), default=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +183,10 @@ def search_of(
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions))
     if columns:
-        bench = replace(bench, artefact=cache(lambda: simulated_rows(base, motions, beta, added, whole.blocks)))
+        asked = (base, motions, beta, added, whole.blocks)
+        bench = replace(
+            bench, artefact=cache(lambda: simulated_rows(*asked)), roundings=cache(lambda: rounded_rows(*asked))
+        )
     made, at = [], 0
     for source, what in [(s, None) for s in sources] + [(s, g) for g, s in lengths]:
         own = whole.groups[at : at + len(source.alternatives)]
@@ -408,7 +418,11 @@ def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
         made = gain(base, trial)
         # What is alone and too small is no action, significant or not; the test may need the log simulated.
         worth = large_enough(made) if _is_alone(one) else made.share > made.se
-        if worth and _matters(one, trial) and _significant(search.bench, trial, made, tests):
+        if (
+            worth
+            and _matters(one, trial)
+            and _significant(search.bench, trial, made, SIGNIFICANCE / tests / one.looked_at)
+        ):
             singles.setdefault(_group(one), []).append((one, trial, made))
     found = []
     for members in singles.values():
@@ -423,11 +437,13 @@ def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
     return found
 
 
-def _significant(bench: Bench, trial: Trial, made: Gain, tests: int) -> bool:
-    """Whether a candidate is significant over all tests, by its gain or, where it adds columns, by their parameters."""
-    either = 2 if trial.setting.terms else 1
-    limit = SIGNIFICANCE / (either * tests)
-    return made.p < limit or (bool(trial.setting.terms) and bench.p_value(trial, limit) < limit)
+def _significant(bench: Bench, trial: Trial, made: Gain, limit: float) -> bool:
+    """Whether a candidate is significant, by its gain or, where it adds columns, by their parameters.
+
+    The gain compares two fits, and one with a column that does nothing may have erred less by chance, on all unseen
+    blocks alike: their scatter does not show it.
+    """
+    return (bench.p_value(trial, limit) if trial.setting.terms else made.p) < limit
 
 
 def large_enough(made: Gain) -> bool:
@@ -436,7 +452,9 @@ def large_enough(made: Gain) -> bool:
 
 
 def _matters(one: TriedChange, trial: Trial) -> bool:
-    """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
+    """Whether a factor is another than 1, and a parameter, an offset, a length or a shift one that can be."""
+    if one.kind in _NOT_NEGATIVE and trial.whole.theta[-1] < 0:
+        return False
     most = min(LARGEST_CHANGE.get(one.kind, np.inf), one.geometry.most if one.geometry else np.inf)
     if one.setting.terms and np.isfinite(most) and np.abs(trial.whole.theta[-1]) > most:
         return False

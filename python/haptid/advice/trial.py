@@ -150,6 +150,7 @@ class Bench:
         channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
         artefact: called for Gram matrices of the same log simulated with the model, whose candidates are zero, of one
             block or more; None: not known. Few searches ask for them.
+        roundings: called for those of logs simulated with other steps of the encoders; none where these do not matter.
         known: trials whose fits are not of these matrices, by their setting.
     """
 
@@ -159,6 +160,7 @@ class Bench:
     weights: Array
     channel_factors: Array
     artefact: Callable[[], Grams | None] = lambda: None
+    roundings: Callable[[], tuple[Grams, ...]] = tuple
     known: dict[Setting, Trial] = field(default_factory=dict)
     _sums: dict[tuple[int, bytes], tuple[Grams, Grams]] = field(default_factory=dict, init=False, repr=False)
     _pools: dict[tuple[int, bytes], tuple[Grams, Array]] = field(default_factory=dict, init=False, repr=False)
@@ -179,7 +181,9 @@ class Bench:
 
     def without_candidates(self) -> Bench:
         """Of the base parameters' columns alone, where these are the only ones fitted."""
-        return replace(self, grams={"used": self.grams["used"].first(self.base)}, artefact=lambda: None)
+        return replace(
+            self, grams={"used": self.grams["used"].first(self.base)}, artefact=lambda: None, roundings=tuple
+        )
 
     def fit(self, setting: Setting, blocks: np.ndarray, grams: Grams | None = None) -> Fitted:
         """Least squares on some blocks; alternatives and factors are those of the least error."""
@@ -364,7 +368,8 @@ class Bench:
     def p_value(self, made: Trial, limit: float = 1.0) -> float:
         """p-value of the cluster-robust Wald test that the added columns are zero; 1 where there are none.
 
-        What the same columns have in the simulated log, in which they are zero, is taken from them.
+        What the same columns have in the simulated log, in which they are zero, is taken from them; how that varies
+        with the place of the encoders' steps is variance.
 
         Args:
             made: a trial of this bench.
@@ -381,7 +386,16 @@ class Bench:
             p = min(1.0, many * min(self._wald(corner, covariance, dof) for corner in corners))
             if p >= limit:
                 return p
-        return min(1.0, many * self._wald(theta - self._artefact(made.setting, made.whole), covariance, dof))
+        left = theta - self._artefact(made.setting, made.whole)
+        p = min(1.0, many * self._wald(left, covariance, dof))
+        if p >= limit or len(null := self._rounded(made.setting, made.whole)) < 2:
+            return p
+        rounding = np.atleast_2d(np.cov(null, rowvar=False))
+        whole = covariance + rounding
+        # Degrees of freedom of a sum of variances: Welch and Satterthwaite.
+        share = float(np.mean(np.diag(rounding) / np.maximum(np.diag(whole), np.finfo(float).tiny)))
+        dof = 1 / ((1 - share) ** 2 / dof + share**2 / (len(null) - 1))
+        return min(1.0, many * self._wald(left, whole, dof))
 
     def _clustered(self, made: Trial) -> tuple[Array, float]:
         """Covariance of the added columns' parameters, from leverage-corrected scores of the blocks, and its dof."""
@@ -419,11 +433,19 @@ class Bench:
         found = fitted.theta[len(self.kept) :]
         if (simulated := self.artefact()) is None:
             return np.zeros(len(found))
-        term = (tuple(t for term, c in zip(setting.terms, fitted.chosen, strict=True) for t in term[c]),)
-        null = self.fit(Setting((term,)), np.arange(len(simulated)), simulated).theta[len(self.kept) :]
+        null = self._added_in(simulated, setting, fitted)
         if len(null) != len(found):  # two terms share a column
             return np.zeros(len(found))
         return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)
+
+    def _rounded(self, setting: Setting, fitted: Fitted) -> Array:
+        """What the added columns have in each log simulated with other steps, (logs, added)."""
+        return np.array([self._added_in(grams, setting, fitted) for grams in self.roundings()])
+
+    def _added_in(self, simulated: Grams, setting: Setting, fitted: Fitted) -> Array:
+        """Parameters of the added columns in a simulated log."""
+        term = (tuple(t for term, c in zip(setting.terms, fitted.chosen, strict=True) for t in term[c]),)
+        return self.fit(Setting((term,)), np.arange(len(simulated)), simulated).theta[len(self.kept) :]
 
 
 def _weighted(parts: tuple[Array, Array, Array], factors: Array, w: Array) -> tuple[Array, Array, float]:

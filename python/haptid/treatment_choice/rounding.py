@@ -93,23 +93,17 @@ def rounding_effect(
     steps = [np.array([own.step for own in channels]) for channels in spectra]
     if treatment.cutoff_hz is None or treatment.momentum or not any(step.any() for step in steps):
         return None
-    channels = len(steps[0])
     highest = _SMOOTH * max(own.bandwidth for own in widest(spectra))
-    cutoffs = np.minimum(np.broadcast_to(treatment.cutoff_hz, (channels,)), highest)
+    cutoffs = np.minimum(np.broadcast_to(treatment.cutoff_hz, (len(steps[0]),)), highest)
     smoother = replace(treatment, torque_delay_s=0.0, cutoff_hz=tuple(cutoffs.tolist()))
-    rng = np.random.default_rng(0)
-    # Each channel's places are spread evenly over a step, in an order of its own, and so are the sizes of the steps.
-    places = np.array([rng.permutation(_LATTICES) for _ in range(channels)]).T / _LATTICES
-    spread = np.linspace(1 - _STEPS, 1 + _STEPS, _LATTICES)
-    sizes = np.array([rng.permutation(spread) for _ in range(channels)]).T
     refit = Refit.of(estimate, delays)
     try:
         smooth = [np.asarray(treat(log, smoother).q[:]) for log in logs]
         plain = refit.motors(smooth)
         at = solve_excited(plain, refit.weights, refit.known).beta
         before, parts = refit.by_block(plain, at), list[Array]()
-        for place, size in zip(places, sizes, strict=True):
-            rounded = [_rounded(q, own * size, place) for q, own in zip(smooth, steps, strict=True)]
+        for lattice in lattices(len(steps[0])):
+            rounded = [lattice.rounded(q, own) for q, own in zip(smooth, steps, strict=True)]
             parts.append(refit.by_block(refit.motors(rounded), at) - before)
             if len(parts) == _FIRST and np.all(np.abs(np.sum(parts, axis=1)) < _MATTERS * refit.se):
                 return None
@@ -133,7 +127,31 @@ def _add_up(parts: Array) -> bool:
     return bool(np.sum(own.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
 
 
-def _rounded(q: Array, steps: Array, place: Array) -> Array:
-    """Positions, (n, channels), on the lattices of their encoders, moved by shares of a step; as they are without."""
-    step = np.where(steps > 0, steps, 1.0)
-    return np.where(steps > 0, (np.round(q / step - place) + place) * step, q)
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """A lattice of each channel that lies elsewhere than that of its encoder.
+
+    Attributes:
+        place: by which it is moved, as a share of its step, (channels,).
+        size: its step over the encoder's, (channels,).
+    """
+
+    place: Array
+    size: Array
+
+    def rounded(self, q: Array, steps: Array) -> Array:
+        """Positions, (n, channels), on it; as they are where the encoder's step is 0."""
+        step = np.where(steps > 0, steps * self.size, 1.0)
+        return np.where(steps > 0, (np.round(q / step - self.place) + self.place) * step, q)
+
+
+def lattices(channels: int) -> tuple[Lattice, ...]:
+    """Lattices of so many channels.
+
+    Each channel's places are spread evenly over a step, in an order of its own, and so are the sizes of the steps.
+    """
+    rng = np.random.default_rng(0)
+    places = np.array([rng.permutation(_LATTICES) for _ in range(channels)]).T / _LATTICES
+    spread = np.linspace(1 - _STEPS, 1 + _STEPS, _LATTICES)
+    sizes = np.array([rng.permutation(spread) for _ in range(channels)]).T
+    return tuple(map(Lattice, places, sizes))
