@@ -10,10 +10,13 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
+from haptid.cli.handle import _several
 from haptid.end_effector.characterisation import characterise
+from haptid.end_effector.characterisation.table import TableColumn
 from haptid.results.result import Result
 from haptid.study import read_study
 from haptid.study.identify import identify
+from haptid.uncertainty.quantities import Field
 
 
 def call(*arguments):
@@ -79,6 +82,14 @@ def test_singular_poses_are_reported_and_empty(folder, tmp_path):
     assert lost
     assert all(row["apparent mass 1 [kg]"] == "" for row in lost)
     assert (tmp_path / "g" / "masses.png").stat().st_size > 10_000
+
+
+def test_what_cancels_over_the_poses_is_printed_as_zero():
+    """A weight that cancels by symmetry was printed with the digits of rounding: 8.524e-17 N."""
+    column = TableColumn("weight x", Field(np.array([-3.0, -8.5e-17, 3.0]), None, np.inf, "N"))
+    assert _several(column) == ["0", "-3", "3", ""]
+    small = TableColumn("mass", Field(np.array([1e-9, 2e-9, 3e-9]), None, np.inf, "kg"))
+    assert _several(small)[:3] == ["2e-09", "1e-09", "3e-09"]
 
 
 def test_limits_narrow_the_grid(folder, tmp_path):

@@ -196,6 +196,15 @@ def test_a_whole_turn_of_the_joints_leaves_no_figure_out():
     assert made["passive stiffness"].value > 0
 
 
+def test_motors_that_do_not_carry_the_weight_have_no_force_with_an_interval(given):
+    """Relative errors of a force of zero made the intervals of its quotients no numbers."""
+    weak = DeviceInstruments(peak={"1": 1e-4, "2": 1e-4, "3": 1e-4})
+    made = data_sheet(given, workspace(given.model, LIMITS), weak, 216)
+    row = made["peak acceleration"]
+    assert row.value == 0
+    assert np.isfinite(row.conf_int).all()
+
+
 def test_what_is_not_known_is_said(given):
     model = given.model
     bare = data_sheet(model, workspace(model, LIMITS), poses=27)

@@ -111,6 +111,27 @@ def test_a_mean_is_no_further_than_its_own_error_says(fleet):
     assert abs(replace(fleet, entries=(*entries[:-5], *other)).distance[4, k]) > 3.5
 
 
+def test_a_log_that_fits_badly_is_named(fleet):
+    """A reversed torque of one log moved the means of its device without a word."""
+    assert fleet.misfits == ()
+    k = next(k for k, one in enumerate(fleet.entries) if not one.error)
+    usual = fleet.entries[k].error_percent
+    bad = replace(fleet.entries[k], error_percent=6 * usual)
+    found = replace(fleet, entries=(*fleet.entries[:k], bad, *fleet.entries[k + 1 :]))
+    assert found.misfits == (bad,)
+    (line,) = set(found.sentences) - set(fleet.sentences)
+    assert line.startswith(f"{bad.log.device}/{bad.log.path.name}: the error of its fit is {6 * usual:.3g} %")
+
+
+def test_what_few_devices_do_not_tell_is_said(fleet):
+    """Three devices had a dash for nothing unusual, though nothing was compared."""
+    few = replace(fleet, entries=tuple(one for one in fleet.entries if one.log.device in ("arm 1", "arm 3")))
+    assert [line.split()[-1] for line in few.summary().splitlines()[1:3]] == ["?", "?"]
+    assert few.sentences[-1].startswith("Whether a device is unusual is not told: 4 devices are needed, and 2 have")
+    assert not any("not told" in line for line in fleet.sentences)
+    assert "?" not in fleet.summary()
+
+
 def test_a_log_that_cannot_be_read_is_an_entry_and_stops_nothing(fleet):
     (failed,) = fleet.failed
     assert (failed.log.device, failed.log.path.name) == ("arm 2", "2026-03-25.csv")

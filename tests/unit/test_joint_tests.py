@@ -27,8 +27,8 @@ def model():
     return haptid.DynamicModel(haptid.read_device("arm3"))
 
 
-def fitted(model, beta, seed, noise=0.5, extra=0.0):
-    made = motion(model, beta, seconds=SECONDS, dt=DT, seed=seed, noise=noise, phi=0.5)
+def fitted(model, beta, seed, noise=0.5, extra=0.0, seconds=SECONDS):
+    made = motion(model, beta, seconds=seconds, dt=DT, seed=seed, noise=noise, phi=0.5)
     if extra:  # Stribeck friction that the model lacks
         speed = made.rates[0] @ model.device.row_map.T
         size = extra * np.sqrt((made.tau**2).mean(axis=0))
@@ -118,6 +118,16 @@ def test_a_payload_is_found_that_single_parameters_miss(model):
         assert any("payload on link 3" in sentence for sentence in one.sentences)
     jointly = sum(len(one.joint.differs) for one in found)
     assert jointly > sum(len(one.differs) for one in found)
+
+
+def test_a_payload_for_which_short_logs_have_no_test_is_said_to_show_on_others(model):
+    """Of a payload on the last link a sentence named the link before it, and no more."""
+    short = [fitted(model, loaded(model, mass), 9 + k, seconds=8.0) for k, mass in enumerate((0.0, 0.2))]
+    found = compare(*short)
+    assert "payload on link 3" not in [test.name for test in found.joint.tests]
+    (line,) = (line for line in found.sentences if line.startswith("Not tested: payload on link 3"))
+    assert line.endswith("A payload there shows on other links too.")
+    assert not any(line.endswith("too.") for line in found.sentences if "at rest" in line)
 
 
 def test_a_payload_moves_its_own_direction(model):

@@ -44,7 +44,9 @@ def characterise(
         float | None, typer.Option("--speed", help="of the handle, m/s: largest velocity-dependent force")
     ] = None,
     stiffness: Annotated[str | None, typer.Option("--stiffness", help="of the joints: one, or one each")] = None,
-    torque: Annotated[list[str] | None, typer.Option("--torque", help="limit of a motor: NAME=VALUE")] = None,
+    torque: Annotated[
+        list[str] | None, typer.Option("--torque", help="limit of a motor's torque behind its gear: NAME=VALUE")
+    ] = None,
     max_condition: Annotated[
         float | None, typer.Option(help="largest condition number of a pose (default: 30)")
     ] = None,

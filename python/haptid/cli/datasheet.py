@@ -40,15 +40,18 @@ def datasheet(
     ] = None,
     rate: Annotated[float, typer.Option("--rate", help="of the controller, Hz")] = 1000.0,
     delay: Annotated[float, typer.Option("--delay", help="from reading positions to the torque, s")] = 0.0,
-    peak: Annotated[list[str] | None, typer.Option("--peak", help="peak torque of a motor: NAME=VALUE")] = None,
+    peak: Annotated[
+        list[str] | None, typer.Option("--peak", help="peak torque of a motor behind its gear: NAME=VALUE")
+    ] = None,
     continuous: Annotated[
-        list[str] | None, typer.Option("--continuous", help="continuous torque of a motor: NAME=VALUE")
+        list[str] | None, typer.Option("--continuous", help="continuous torque of a motor behind its gear: NAME=VALUE")
     ] = None,
     counts: Annotated[
         list[str] | None, typer.Option("--counts", help="encoder counts per turn of a motor's shaft: NAME=VALUE")
     ] = None,
     step: Annotated[
-        list[str] | None, typer.Option("--step", help="smallest change of a motor's torque: NAME=VALUE")
+        list[str] | None,
+        typer.Option("--step", help="smallest change of a motor's torque, behind its gear: NAME=VALUE"),
     ] = None,
     poses: Annotated[int, typer.Option("--poses", min=8, help="cells of the grid over the workspace")] = 1000,
     quiet: Quiet = False,

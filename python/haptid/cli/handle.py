@@ -24,6 +24,8 @@ from haptid.report.model_tables import table
 
 # Poses of a sweep, and of each side of a map.
 SWEEP, SIDE = 201, 120
+# Share of a column's largest figure below which another is zero but for rounding.
+_ROUNDED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,5 +173,8 @@ def _several(column: TableColumn) -> list[str]:
     known = np.isfinite(value)
     if not known.any():
         return ["unknown", "", "", ""]
-    shown = [f"{x:.4g}" for x in (np.median(value[known]), value[known].min(), value[known].max())]
+    few = np.array([np.median(value[known]), value[known].min(), value[known].max()])
+    # What cancels in exact arithmetic is left at the size of rounding, whose digits mean nothing.
+    few[np.abs(few) < _ROUNDED * np.abs(value[known]).max()] = 0.0
+    shown = [f"{x:.4g}" for x in few]
     return [*shown, "" if interval is None else f"{np.ptp(interval[known], axis=1).max() / 2:.2g}"]

@@ -47,7 +47,9 @@ def redesign(
     rotor: Annotated[
         list[str] | None, typer.Option("--rotor", help="inertia of a motor's rotor at its coordinate: NAME=VALUE")
     ] = None,
-    peak: Annotated[list[str] | None, typer.Option("--peak", help="peak torque of a motor: NAME=VALUE")] = None,
+    peak: Annotated[
+        list[str] | None, typer.Option("--peak", help="peak torque of a motor behind its gear: NAME=VALUE")
+    ] = None,
     motor: Annotated[
         list[str] | None, typer.Option("--motor", help="other motors, factors of the present: NAME=TORQUE:INERTIA")
     ] = None,

@@ -29,6 +29,7 @@ _FEWEST = 2.0
 # Singular values below this share of the largest are no direction.
 _RANK = 1e-6
 _POSES = 40
+_PAYLOAD = "payload on link "
 # Draws of the block randomisation, and runs of blocks that change sign together: at least this many in a log.
 _DRAWS, RUNS = 1999, 12
 
@@ -117,7 +118,10 @@ def joint_tests(
     for name, C in groups:
         test = _tested(name, C, values, clusters, level) if len(C) <= most else None
         if test is None:
-            notes.append(f"Not tested: {name} ({len(C)} directions; {min(map(len, clusters))} blocks allow {most}).")
+            # A payload on the last link loads those before it too, whose directions may be few enough for a test.
+            elsewhere = " A payload there shows on other links too." if name.startswith(_PAYLOAD) else ""
+            few = f"{len(C)} directions; {min(map(len, clusters))} blocks allow {most}"
+            notes.append(f"Not tested: {name} ({few}).{elsewhere}")
         else:
             tests.append(test)
     equality = randomised(values, clusters) if min(map(len, clusters)) >= RUNS else None
@@ -137,7 +141,7 @@ def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Itera
         loads = [parameters.index[name] for name in names if name in parameters.index]
         C = _projection(base.regrouping[:, loads], root, every)
         if len(C):
-            yield f"payload on link {joint.name}", C
+            yield f"{_PAYLOAD}{joint.name}", C
     still = _functionals(_torque_at_rest(model))
     if len(still):
         yield "torque at rest", still

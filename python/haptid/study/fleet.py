@@ -43,6 +43,8 @@ _LEAST_LOGS, _LEAST_DEVICES = 3, 4
 # Distance from the median of the devices, in robust standard deviations, of an unusual one (Iglewicz and Hoaglin 1993).
 _UNUSUAL = 3.5
 _NORMAL_MAD = 1.4826
+# Fewest logs of which one is called unlike the others by the error of its fit, and the least factor between them.
+_LEAST_FITS, _WORSE = 3, 2.0
 # Devices in the printed table.
 _SHOWN = 40
 # Fields that JSON has as lists.
@@ -237,7 +239,22 @@ class Fleet:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What failed, drifts and differs, the most significant first."""
-        return (*self._failures(), *self._drifts(), *self._unusual())
+        return (*self._failures(), *self._misfits(), *self._drifts(), *self._unusual())
+
+    @cached_property
+    def misfits(self) -> tuple[FleetEstimate, ...]:
+        """The logs whose fits are worse than those of the others, the worst first.
+
+        Logarithms of errors further above their median than 3.5 robust standard deviations, and errors above twice the
+        median: in such a log the model does not hold, and its parameters count in means and drift like all others.
+        """
+        fits = [one for one in self.entries if not one.error and one.error_percent > 0]
+        if len(fits) < _LEAST_FITS:
+            return ()
+        size = np.log([one.error_percent for one in fits])
+        away = size - np.median(size)
+        limit = max(_UNUSUAL * _NORMAL_MAD * float(np.median(np.abs(away))), float(np.log(_WORSE)))
+        return tuple(fits[k] for k in np.argsort(-away) if away[k] > limit)
 
     def _failures(self) -> Iterator[str]:
         good, devices = len(self.entries) - len(self.failed), len({one.log.device for one in self.entries})
@@ -246,6 +263,17 @@ class Fleet:
             yield f"{one.log.device}/{one.log.path.name}: {one.error}"
         if len(self.failed) > 5:
             yield f"{len(self.failed) - 5} more logs failed: logs.csv has their errors."
+
+    def _misfits(self) -> Iterator[str]:
+        usual = np.median([one.error_percent for one in self.entries if not one.error] or [0.0])
+        for one in self.misfits[:5]:
+            yield (
+                f"{one.log.device}/{one.log.path.name}: the error of its fit is {one.error_percent:.3g} %, in the "
+                f"median of the logs {usual:.3g} %. Its parameters are not those of the model, and count in the "
+                f"means of {one.log.device} all the same: find out why (haptid advise), or take it out of the folder."
+            )
+        if len(self.misfits) > 5:
+            yield f"{len(self.misfits) - 5} more logs fit badly: logs.csv has their errors."
 
     def _drifts(self) -> Iterator[str]:
         found = np.argwhere(self.drift_p < 1 - self.confidence)
@@ -276,6 +304,11 @@ class Fleet:
             )
         if len(found) > 10:
             yield f"{len(found) - 10} more means are unusual: devices.csv has them."
+        if len(self.trends) < _LEAST_DEVICES:
+            yield (
+                f"Whether a device is unusual is not told: {_LEAST_DEVICES} devices are needed, and {len(self.trends)} "
+                "have logs that count. Two results of haptid identify are compared by haptid compare."
+            )
 
     def log_table(self) -> list[list[str]]:
         """Every log: device, file, day, status, error of the fit, parameters and standard errors."""
@@ -315,7 +348,10 @@ class Fleet:
             trend, p, away = self.trends[d], self.drift_p[d], self.distance[d]
             drifting = [name for name, one in zip(self.names, p, strict=True) if one < 1 - self.confidence]
             odd = [name for name, one in zip(self.names, away, strict=True) if abs(one) > _UNUSUAL]
-            rows.append([trend.device, str(trend.logs), listed(drifting, 4) or "-", listed(odd, 4) or "-"])
+            told = trend.logs >= _LEAST_LOGS and bool(np.isfinite(trend.of_slope("se")).any())
+            compared = len(self.trends) >= _LEAST_DEVICES
+            cells = [listed(drifting, 4) or ("-" if told else "?"), listed(odd, 4) or ("-" if compared else "?")]
+            rows.append([trend.device, str(trend.logs), *cells])
         more = len(self.trends) - _SHOWN
         return "\n".join(
             [*aligned(rows), *([f"{more} more devices: devices.csv"] if more > 0 else []), "", *self.sentences]

@@ -166,6 +166,6 @@ def _ratio(top: Field, bottom: Field, unit: str) -> Field:
     value = top.values / bottom.values
     if top.se is None or bottom.se is None:
         return Field(value, None, top.dof, unit)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.hypot(top.se / top.values, bottom.se / bottom.values)
-    return Field(value, np.abs(value) * relative, min(top.dof, bottom.dof), unit)
+    # Not by relative errors: the top is zero where the motors do not carry the weight.
+    se = np.hypot(top.se, value * bottom.se) / np.abs(bottom.values)
+    return Field(value, se, min(top.dof, bottom.dof), unit)
