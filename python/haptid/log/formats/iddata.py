@@ -14,7 +14,7 @@ from haptid.log.formats.sniff import RawChannel, numeric
 
 _FIELDS = {"OutputData", "OutputName", "InputData", "InputName", "Ts", "TimeUnit"}
 # Units of times as they are called there.
-_TIME_UNITS = {"seconds": "s", "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
+_TIME_UNITS = {"seconds": "s", "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "s": "s", "ms": "ms"}
 
 
 def is_iddata(value: np.ndarray) -> bool:
@@ -38,10 +38,10 @@ def iddata_leaves(name: str, value: np.ndarray) -> Iterator[tuple[str, RawChanne
             yield f"{own}.Time [{unit}]" if unit else f"{own}.Time", times
         for signals, side in ((outputs, "Output"), (inputs, "Input")):
             titles, units = (_texts(one[f"{side}{part}"]) for part in ("Name", "Unit"))
-            for i in range(0 if signals is None else signals.shape[1]):
+            for i, signal in enumerate(() if signals is None else signals.T):
                 title = titles[i] if i < len(titles) and titles[i] else f"{side[0].lower()}{i + 1}"
                 unit = units[i] if i < len(units) else ""
-                yield f"{own}.{title} [{unit}]" if unit else f"{own}.{title}", signals[:, i]
+                yield f"{own}.{title} [{unit}]" if unit else f"{own}.{title}", signal
 
 
 def _times(one: np.void, k: int, samples: int) -> RawChannel | None:
