@@ -11,11 +11,11 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
 from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
-from haptid.log.survey.channels import ChannelSurvey, TopicSurvey
+from haptid.log.survey.channels import STATED, ChannelSurvey, TopicSurvey
 from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
-from haptid.log.survey.guesses import NO_RATE, STATED, unit_of
+from haptid.log.survey.guesses import NO_RATE, unit_of
 from haptid.log.survey.joint_names import are_named, owners
-from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, words_of
+from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, may_be_rate, words_of
 from haptid.log.units import PERIODS, TABLES
 
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
@@ -211,7 +211,8 @@ def _velocity_line(rates: Sequence[ChannelFamily], position: ChannelFamily) -> l
         own = [channel.unit or unit for channel, unit in zip(family.channels, units, strict=False)]
         fits = family.topic is position.topic and len(family.channels) == len(units) and all(own)
         wanted = bool(words_of(family.array) & WANTED_WORDS) != bool(words_of(position.array) & WANTED_WORDS)
-        if fits and not wanted and family.rank[0] and min(c.count for c in family.channels) == samples:
+        same = all(map(may_be_rate, family.called, position.called))
+        if fits and same and not wanted and family.rank[0] and min(c.count for c in family.channels) == samples:
             stated = basic_string(own[0]) if len(set(own)) == 1 else f"[{', '.join(map(basic_string, own))}]"
             return [f"velocity = {{ {_where(family)}, unit = {stated} }}  # used where less noisy than differences"]
     return []
@@ -261,7 +262,8 @@ def _instead(others: Sequence[ChannelFamily], chosen: ChannelFamily) -> list[str
         asked = (
             "; take these where the torques are computed by a controller's model, and not measured" if current else ""
         )
-        lines.append(f"# also there: {', '.join(c.name for c in family.channels)}{asked}")
+        head = f"{family.topic.name}." if family.topic.name and family.topic is not chosen.topic else ""
+        lines.append(f"# also there: {', '.join(head + c.name for c in family.channels)}{asked}")
     return lines
 
 

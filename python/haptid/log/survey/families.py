@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from haptid.log.survey.channels import A_PART, ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.channels import A_PART, STATED, ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.joint_names import matched
 from haptid.log.survey.names import (
     ANGLE,
@@ -27,7 +27,7 @@ from haptid.log.units import known_unit
 WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
                      "actions", "setpoint", "control", "controls", "ctrl", "set", "soll", "external", "ext", "et",
                      "model", "predicted", "pred", "last", "prev", "residual", "disturbance", "gravity",
-                     "friction"})  # fmt: skip
+                     "friction", "passive", "constraint", "rigid", "feedforward", "coriolis"})  # fmt: skip
 # More likely than a command, where both are there.
 MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # What was done to a signal: another one than that without the word.
@@ -74,7 +74,7 @@ class ChannelFamily:
         """Usable, not wanted, of a known unit, measured, a torque and no current; then many, long ones, and not raw."""
         words = words_of(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
-        drive = drive_unit(words) or _DRIVE_UNITS.get(self.channels[0].unit, "")
+        drive = drive_unit(words) or _DRIVE_UNITS.get(self.channels[0].unit, "") or ("voltage" if self.is_input else "")
         no_torque = self.channels[0].quantity != "torque"  # of which `current_position` is the present one
         return (
             usable > 0,
@@ -92,6 +92,12 @@ class ChannelFamily:
         """Whether the channels are x, y and z of a point or a force in space, and of no joint."""
         ends = {re.split(r"[_. ]|(?<=[a-z])(?=[A-Z])", c.name)[-1].lower() for c in self.channels}
         return ends == {"x", "y", "z"}
+
+    @property
+    def is_input(self) -> bool:
+        """Whether the channels are called as the input of a controller, `u`, which is a torque only by chance."""
+        stated = any(c.reason.startswith(STATED) for c in self.channels)
+        return not stated and all(words_of(last_part(base_of(c.name))) == {"u"} for c in self.channels)
 
     @property
     def of_motors(self) -> bool:

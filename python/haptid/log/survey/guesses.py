@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from haptid.log.formats.sniff import RawChannel
 from haptid.log.stamps import too_fast
-from haptid.log.survey.channels import ChannelSurvey, Quantity
+from haptid.log.survey.channels import STATED, ChannelSurvey, Quantity
 from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.names import (
     COMMAND_WORDS,
@@ -36,8 +36,6 @@ _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
 _UNSTATED = "no unit is stated"
-# How reasons begin of units that the file has, and that are no guess.
-STATED = ("the file states", "by its name")
 # How reasons end of times that tell no rate: another clock is better.
 NO_RATE = (": their rate is not known", ": no one rate")
 MAY_TURN = "a joint that turns so far is in rad"

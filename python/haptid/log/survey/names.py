@@ -47,6 +47,8 @@ NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", 
 _SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
 # Positions of an encoder, as it counts them.
 COUNTED_WORDS = frozenset({"ticks", "counts", "count", "pulses"})
+# Letters of angles, each of another one in a log.
+_LETTERS = frozenset({"alpha", "beta", "gamma", "theta", "phi", "psi"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
 # A command of nothing in particular stands for a torque.
@@ -206,6 +208,12 @@ def quantity_of(name: str) -> Quantity:
 def _rate_of(rate: re.Match[str]) -> Quantity:
     """What a rate of positions is: of the second order, none that is used."""
     return "other" if any(rate.groups()) else "velocity"
+
+
+def may_be_rate(rate: str, position: str) -> bool:
+    """Whether a velocity may be that of a position by their letters: `phidot` is none of `theta`."""
+    own, other = (words_of(_RATE.sub(" ", last_part(name))) & _LETTERS for name in (rate, position))
+    return not own or not other or own == other
 
 
 def drive_unit(words: frozenset[str]) -> str:

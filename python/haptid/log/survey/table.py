@@ -21,8 +21,8 @@ from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts
-from haptid.log.survey.channels import A_PART, LOOKED_AT, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.guesses import MAY_TURN, STATED, guessed, lettered, timed, usual_step
+from haptid.log.survey.channels import A_PART, LOOKED_AT, STATED, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, timed, usual_step
 from haptid.log.survey.names import NESTED, base_of, element_of, is_time, quantity_of
 from haptid.log.survey.recognised import recognised
 from haptid.log.turns import turning_unit
