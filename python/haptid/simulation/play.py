@@ -69,15 +69,10 @@ class LooseLinks:
         """
         plays = np.stack([size, share, friction], axis=2)
         signals = (self.x, self.v, self.a, self.inertia, self.rest)
-        return np.array(
-            [
-                _core.torque_of_play(
-                    self.dt,
-                    *(np.ascontiguousarray(y[motor]) for y in signals),
-                    float(self.dry[motor]),
-                    float(self.viscous[motor]),
-                    own,
-                )
-                for motor, own in enumerate(plays)
-            ]
-        )
+
+        def of_motor(motor: int) -> Array:
+            x, v, a, inertia, rest = (np.ascontiguousarray(y[motor]) for y in signals)
+            dry, viscous = float(self.dry[motor]), float(self.viscous[motor])
+            return _core.torque_of_play(self.dt, x, v, a, inertia, rest, dry, viscous, plays[motor])
+
+        return np.array([of_motor(motor) for motor in range(len(plays))])
