@@ -5,10 +5,12 @@ branch on the virtual bench, with dry friction of the motors: 15 s of multisine 
 bits on both sides or of 4000 counts on geared shafts, a new motion in each run, treated as proposed. A run that haptid
 refuses counts as refused. With `--motors-alone` the links' positions are left out, and nothing else is given. With
 `--minutes M` no run begins later than that; those that were done are counted, and the next call goes on behind them.
+`--device NAME` takes one device alone. Figures of cases without a run stay as they were recorded.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import sys
@@ -282,13 +284,18 @@ def summary(lines: Sequence[tuple[tuple[str, str, int], dict[str, list[float]] |
 
 def main() -> None:
     """Measure, print, store; runs are kept in the file of the first argument, from which a study goes on."""
-    kept, options = Path(sys.argv[1]), sys.argv[2:]
-    encoders = [name + ALONE * ("--motors-alone" in options) for name in ENCODERS]
-    minutes = float(options[options.index("--minutes") + 1]) if "--minutes" in options else np.inf
-    end = time.monotonic() + 60 * minutes
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kept", type=Path)
+    parser.add_argument("--motors-alone", action="store_true")
+    parser.add_argument("--minutes", type=float, default=np.inf)
+    parser.add_argument("--device", choices=PLANTS)
+    options = parser.parse_args()
+    kept, end = options.kept, time.monotonic() + 60 * options.minutes
+    encoders = [name + ALONE * options.motors_alone for name in ENCODERS]
+    devices = [options.device] if options.device else list(PLANTS)
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {tuple(line[0]) for line in lines}
-    runs = [(n, e, k) for k in range(RUNS) for n in PLANTS for e in encoders]
+    runs = [(n, e, k) for k in range(RUNS) for n in devices for e in encoders]
     left = iter([run for run in runs if run not in done])
     with kept.open("a") as out, ProcessPoolExecutor(processes := int(os.environ.get("PROCESSES", "1"))) as pool:
         while time.monotonic() < end and (some := list(islice(left, processes))):
