@@ -76,6 +76,15 @@ def test_a_joint_outside_its_limits_is_not_exchanged_with_one_of_wide_limits() -
     assert "joint B runs from 1.2" in sentence
 
 
+@pytest.mark.parametrize("still", [False, True])
+def test_a_joint_alone_beyond_its_limits_is_not_exchanged(still: bool) -> None:
+    """An arm's elbow was 0.16 rad beyond its stop, by another zero; the log was refused, as another joint moves hardly,
+    or within the elbow's limits, and was to be exchanged with it."""
+    a, b = 0.9 + 1.06 * np.sin(T), 0.02 * np.cos(T) if still else 0.6 + 0.5 * np.cos(T)
+    (sentence,) = check_against(log(np.column_stack([a, b])), ((0.0, 2.44), (-0.3, 2.2)), (False, False), NAMES)
+    assert "joint A runs from -0.16" in sentence
+
+
 def test_a_joint_outside_its_limits_is_only_mentioned() -> None:
     (sentence,) = check_against(log(motion()), ((-1.0, 1.0), (0.0, 3.0)), (False, False), NAMES)
     assert "joint A runs from -1.2 to 1.2, outside its limits -1 .. 1" in sentence

@@ -259,9 +259,9 @@ def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
     with pytest.raises(TreatmentError) as raised:
         haptid.propose(phantom, made, decimation=0)
     assert raised.value.where == "decimation"
-    swapped = haptid.Log(made.path, "", made.t, made.position[:, ::-1] + [0.0, 0.0, -0.5], made.torque, made.channels)
+    degrees = haptid.Log(made.path, "", made.t, np.rad2deg(made.position), made.torque, made.channels)
     with pytest.raises(LogMismatchError):
-        haptid.propose(phantom, swapped)
+        haptid.propose(phantom, degrees)
 
 
 def test_a_treatment_without_accelerations_is_proposed_too(phantom):

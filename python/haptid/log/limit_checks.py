@@ -162,7 +162,7 @@ def _check_swapped(
         for j, (other, others) in enumerate(zip(spans, ranges, strict=True)):
             if j == k or others is None or prismatic[j] != prismatic[k]:
                 continue
-            if _inside(other, others) and _inside(limits, others):  # limits so wide that any channel fits them
+            if _inside(other, others):  # one joint alone beyond its limits may have another zero
                 continue
             if _inside(other, limits) and _inside(span, others):
                 reach = _furthest(span, limits)
