@@ -282,18 +282,23 @@ def _without_known_torque(device: Device) -> set[str]:
 
 def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
     """Error of too many or too few channels."""
+    advice = ["Map one channel for each, in this order."]
+    if got < len(names):
+        advice.append(
+            "A joint that stands still and that the log lacks is held in the device file: import the robot with "
+            "--hold JOINT=0."
+        )
+        if kind == "torque":
+            advice.append(
+                'A joint that nothing drives has torque = "zero" in its [[joints]], and [[motors]] are those of the '
+                "others."
+            )
     return LogMismatchError(
         f"the log has {got} {kind} channels, and the device requires {len(names)}: {', '.join(names)}.",
         where=kind,
         found=got,
         limit=len(names),
-        advice="Map one channel for each, in this order."
-        + (
-            " A joint that stands still and that the log lacks is held in the device file: import the robot with "
-            "--hold JOINT=0."
-            if got < len(names)
-            else ""
-        ),
+        advice=" ".join(advice),
     )
 
 

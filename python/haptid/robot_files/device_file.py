@@ -156,7 +156,10 @@ def _drive_notes(of: MovingTree, loops: OpenLoops) -> list[Note]:
     moved = loops.passive | {relation.joint for relation in of.follows}
     idle = [x.joint.name for x in of.moving if known and not x.joint.actuated and x.joint.name not in moved]
     if idle:
-        text = f"the source has no motor for {', '.join(idle)}; the device measures their torques too"
+        text = (
+            f"the source has no motor for {', '.join(idle)}; the device measures their torques too. Where nothing "
+            'drives them, delete their [[motors]] in the device file and write torque = "zero" in their [[joints]]'
+        )
         said.append(Note("approximate", text))
     return said
 
