@@ -18,7 +18,7 @@ from haptid.advice.edits import Edit
 from haptid.advice.ranking import Stated, in_order, stated
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows, trial_rows
-from haptid.advice.search import Proven, TriedChange, finer, proven
+from haptid.advice.search import Proven, TriedChange, finer, large_enough, proven
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.cli.advise import written_sentences
 from haptid.errors import LogTimeError
@@ -114,6 +114,20 @@ def test_a_change_that_takes_all_error_away_is_proven_however_the_blocks_differ(
     assert made.share == pytest.approx(0.99)
     assert made.share < 3.5 * made.se  # the test of the mean has p above 0.0005
     assert made.p == pytest.approx(2 * 0.5**24)
+
+
+def test_a_contact_that_spoils_two_blocks_of_many_is_worth_leaving_out():
+    """All blocks gain, and two of them most of it: their mean is no two standard errors from zero."""
+    errors = np.full((24, 1), 8.0)
+    errors[[0, 6]] = 260.0
+    fitted = SimpleNamespace(columns=np.arange(3), factors=np.ones(1))
+    before, after = (Trial(Setting(), factor * errors, fitted) for factor in (1.0, 0.01))
+    made = gain(before, after)
+    assert made.share < 2 * made.se
+    assert large_enough(made)
+    rng = np.random.default_rng(4)
+    chance = Trial(Setting(), errors * (1.0 - 0.6 * rng.choice([-1.0, 1.0], size=(24, 1))), fitted)
+    assert not large_enough(gain(before, chance))
 
 
 def test_signed_ranks_are_those_of_scipy():

@@ -30,6 +30,7 @@ from haptid.inference.diagnosis.lack_of_fit import (
 from haptid.motion.channels import torque_map
 from haptid.motion.motion import Motion
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
+from haptid.uncertainty.distributions import t_tail
 from haptid.validation.validation import of_all_motors
 
 # Least share of the unseen squared error that an action has to remove, and of its standard errors; of the latter where
@@ -447,8 +448,13 @@ def _significant(bench: Bench, trial: Trial, made: Gain, limit: float) -> bool:
 
 
 def large_enough(made: Gain) -> bool:
-    """Whether a gain is worth an action, and far enough from zero."""
-    return made.share > LEAST_GAIN and made.share > (LARGE_SE if made.share > LARGE_GAIN else LEAST_SE) * made.se
+    """Whether a gain is worth an action, and far enough from zero: a large one by its blocks' signed ranks too.
+
+    Where nearly all of the error goes away, the gains of the blocks differ as their errors do.
+    """
+    if made.share > LARGE_GAIN:
+        return made.share > LARGE_SE * made.se or made.ranks < t_tail(LARGE_SE, made.dof)
+    return made.share > LEAST_GAIN and made.share > LEAST_SE * made.se
 
 
 def _matters(one: TriedChange, trial: Trial) -> bool:
