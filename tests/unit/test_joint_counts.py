@@ -92,6 +92,23 @@ def test_a_log_that_counts_as_the_device_file_is_left_alone(model: haptid.Dynami
     assert other_counts(model, [moved(model, np.ones(4), np.zeros(4))], np.zeros(len(model.base)), (), 0.4) is None
 
 
+def recorded(motion: haptid.Motion, every: int) -> haptid.Log:
+    """A log of each so many-th sample."""
+    q, tau = motion.q[::every], motion.tau[::every]
+    channels = haptid.Channels(haptid.Signal(tuple("1234"), "rad"), haptid.Signal(tuple("abcd"), "N m"), "t")
+    return haptid.Log(Path("log"), "", 0.01 * every * np.arange(len(q)), q, tau, channels)
+
+
+def test_logs_of_a_fit_have_filters_that_their_own_rates_carry(model: haptid.DynamicModel) -> None:
+    """A cut-off that passes the motion of the fastest log was above half the rate of a slow one: an error."""
+    fast = moved(model, np.ones(4), TURN * np.array([0, 1, 0, 0]))
+    settings = haptid.Treatment(cutoff_hz=3.5, parallel_cutoff_hz=1.5, decimation=1, block_s=1.0)
+    motions = [haptid.treat(recorded(fast, every), settings) for every in (1, 10)]
+    found = other_counts(model, motions, np.zeros(len(model.base)), (), 2.0)
+    assert found is not None
+    assert found.places == ("joint 2",)
+
+
 def test_torques_of_a_log_on_disk_are_read_once(model: haptid.DynamicModel) -> None:
     """In each of dozens of trials all were read, and delayed."""
     short = moved(model, np.ones(4), TURN * np.array([0, 1, 0, 0]))

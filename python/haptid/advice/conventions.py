@@ -23,6 +23,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
 from haptid.motion.motion import Motion, treat
+from haptid.treatment_choice.motion_filters import HIGHEST, HIGHEST_PARALLEL
 
 # Samples of the log that a trial passes over, at most: there are dozens of trials.
 _SAMPLES = 20_000
@@ -186,16 +187,21 @@ def _best(steps: Sequence[_Step]) -> tuple[_Step, list[_Step]]:
 def _with_all_motion(motion: Motion, bandwidth_hz: float) -> Motion:
     """The motion behind filters that pass all of it: for a wrong model a lower one seems better."""
     now = motion.treatment
-    factor = _PASSED * bandwidth_hz / (now.parallel_cutoff_hz or np.inf)
-    if motion.log is None or now.cutoff_hz is None or factor <= 1.0:
+    if motion.log is None or now.cutoff_hz is None or not now.parallel_cutoff_hz:
         return motion
-    wider = (factor * np.atleast_1d(now.cutoff_hz)).tolist()
+    position, torque = np.atleast_1d(now.cutoff_hz), now.parallel_cutoff_hz
+    # Logs of a fit may have different rates: no wider than this one's carries.
+    factor = min(_PASSED * bandwidth_hz, HIGHEST_PARALLEL / motion.dt) / torque
+    factor = min(factor, HIGHEST / motion.dt / float(position.max()))
+    if factor <= 1.0:
+        return motion
+    wider = tuple((factor * position).tolist())
     return treat(
         motion.log,
         replace(
             now,
-            cutoff_hz=tuple(wider) if len(wider) > 1 else wider[0],
-            parallel_cutoff_hz=_PASSED * bandwidth_hz,
+            cutoff_hz=wider if len(wider) > 1 else wider[0],
+            parallel_cutoff_hz=factor * torque,
             decimation=max(1, int(now.decimation / factor)),
         ),
     )

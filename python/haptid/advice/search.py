@@ -453,7 +453,7 @@ def large_enough(made: Gain) -> bool:
     Where nearly all of the error goes away, the gains of the blocks differ as their errors do.
     """
     if made.share > LARGE_GAIN:
-        return made.share > LARGE_SE * made.se or made.ranks < t_tail(LARGE_SE, made.dof)
+        return made.share > LARGE_SE * made.se or made.ranks < float(t_tail(LARGE_SE, made.dof))
     return made.share > LEAST_GAIN and made.share > LEAST_SE * made.se
 
 
