@@ -228,6 +228,7 @@ def test_what_sticks_in_a_validation_log_is_left_out_there_too(tmp_path: Path) -
     said = advise(found)
     (stuck,) = (one for one in said.actions if one.kind == "stuck position")
     assert {edit.path for edit in stuck.edits} == {("logs", 0), ("all logs", 1)}
+    assert "haptid poses" in stuck.sentence
     made = apply.apply_advice(said, found, tmp_path / "out")
     assert made is not None
     assert made.after < 0.7 * made.before

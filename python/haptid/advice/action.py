@@ -84,6 +84,7 @@ _OPEN: Mapping[str, str] = {
     "mounting": "whether the base is tilted from that axis",
     "dead torque": "what the channel would have shown",
     "noise alone": "what the channel would have shown",
+    "stuck position": "whether it is held there on purpose: logs of poses that are held are for `haptid poses`",
     "contact": "what touched it, and lighter contacts elsewhere",
     "slip": "the sizes of slips that are smaller than what the encoders show",
     "limit cycle": "whether play or dry friction with a controller that integrates makes it",

@@ -403,6 +403,6 @@ def _not_guessed(path: Path, what: str, names: Sequence[str]) -> LogChannelError
         where=path,
         found=tuple(names),
         advice="Without `channels`, haptid takes t or time, q1..qn (or pos1, position1) and tau1..taun (or torque1, "
-        f"u1). Name the channels with haptid.Channels, or in `[channels]` (`haptid channels` prints the table). "
-        f"Channels of this file: {channel_list(names)}.",
+        "u1). Name the channels with haptid.Channels, or in `[channels]` of a study file (`haptid channels` prints the "
+        f"table). Channels of this file: {channel_list(names)}.",
     )
