@@ -121,6 +121,17 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[haptid.Identificatio
     return [identified(folder, t, q[:, :, k], force[:, k], k) for k, folder in enumerate(folders)]
 
 
+def test_a_drift_of_the_force_beside_a_pole_that_nothing_drives(tmp_path: Path) -> None:
+    """Rows whitened in time were those of measured torques alone, and identification ended in a traceback."""
+    t, q, force = moved()
+    drift = 0.02 * np.cumsum(np.random.default_rng(7).standard_normal(len(t)))
+    made = identified(tmp_path, t, q[:, :, 0], force[:, 0] + drift, 0)
+    value = np.array([TRUE[name] for name in made.estimate.names])
+    assert (np.abs(made.estimate.beta - value) < 4 * made.estimate.se).all()
+    delay = next(one for one in diagnose(made.estimate).findings if one.name == "time delay")
+    assert "pole" not in delay.sentence
+
+
 def test_a_pole_that_nothing_drives_is_identified_by_its_row_of_zero_torque(found) -> None:
     covered, errors = [], []
     for one in found:

@@ -47,6 +47,22 @@ def test_lists_beside_a_list_of_names_are_those_of_its_joints(tmp_path: Path, br
         np.testing.assert_allclose(column[there], own[there], atol=1e-8)
 
 
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_rows_of_a_gripper_alone_are_between_those_of_an_arm(tmp_path: Path, every: int) -> None:
+    """Two publishers of joint states in one topic; the names were taken for those of rows of one joint each."""
+    lines = ["time,name,position,effort"]
+    for k, t in enumerate(T):
+        own = [2] if k % every == 0 else [0, 1]
+        cells = [f'"({", ".join(f"{x[j, k]:.9f}" for j in own)})"' for x in (Q, TAU)]
+        lines.append(f'{t:.3f},"{[NAMES[j] for j in own]}",{",".join(cells)}')
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    read = format_of(tmp_path / "log.csv").columns(tmp_path / "log.csv", [f"position[{name}]" for name in NAMES])
+    for j, name in enumerate(NAMES):
+        there = np.isfinite(read[f"position[{name}]"])
+        np.testing.assert_allclose(read[f"position[{name}]"][there], Q[j][there], atol=1e-8)
+        np.testing.assert_array_equal(there, (np.arange(len(T)) % every == 0) == (j == 2))
+
+
 def test_axes_of_a_kuka_controller_are_positions(tmp_path: Path) -> None:
     names = [f"$AXIS_ACT.A{k}" for k in (1, 2, 3)] + [f"$TORQUE_AXIS_ACT[{k}]" for k in (1, 2, 3)]
     rows = [";".join(f"{x:.6f}".replace(".", ",") for x in row) for row in zip(T, *np.degrees(Q), *TAU, strict=True)]

@@ -89,5 +89,6 @@ def test_two_dashes_in_a_comment_are_no_error() -> None:
     assert root.attributes == {"a": "--b"}
     assert "-- --" in root.text
     assert (link.line, text[link.start : link.end]) == (2, b'<link name="x"/>')
+    assert parse(b"<robot><!------- links -------><a/><!------------></robot>", "r.urdf").children[0].tag == "a"
     with pytest.raises(RobotFileError, match="line 1: not XML"):
         parse(b"<robot><!-- not -- closed", "r.urdf")

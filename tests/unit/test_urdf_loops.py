@@ -95,6 +95,7 @@ def test_motors_that_are_stated_are_the_active_joints(tmp_path: Path) -> None:
         _frame("closing_tip_1", "l2") + _frame("closing_tip_2", "r2"),
         _PIN.format("<axis><xyz>0 0 -1</xyz><use_parent_model_frame>1</use_parent_model_frame></axis>"),
         _PIN.format("").replace("revolute", "ball"),
+        _PIN.format('<axis><xyz expressed_in="__model__">0 0 1</xyz></axis>').replace("0 0</pose>", "0.7 0</pose>"),
     ],
 )
 def test_loops_said_in_another_way_are_the_same(tmp_path: Path, other: str) -> None:

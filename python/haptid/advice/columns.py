@@ -139,7 +139,8 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             ),
         )
         yield source("load friction", Column(_load(model, place), place.weights))
-        if not _has(model, "rotor", place):
+        driven = place.weights[~np.array(model.device.free_rows)].any()
+        if driven and not _has(model, "rotor", place):
             yield source("rotor inertia", Column(_acceleration(place), place.weights))
 
 
@@ -197,10 +198,15 @@ def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[floa
     return Source("ripple", place.label, index, tuple(map(waves, periods)), settings, 1 / FINEST / len(periods))
 
 
+def of_channel(model: DynamicModel, k: int, row: int) -> bool:
+    """Whether row number k is the torque of channel k: one behind a free joint that comes first is not."""
+    return model.measured_rows[k : k + 1] == (row,)
+
+
 def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: float) -> Iterator[Source]:
-    """First-order effects on every row of a measured torque: of a delay, and of drift with time."""
+    """First-order effects on every row whose channel of torque has the row's number: of a delay, and of drift."""
     for k, row in enumerate(rows):
-        if row not in model.measured_rows:
+        if not of_channel(model, k, row):
             continue
         label, own = model.device.row_labels[row], np.eye(len(model.device.active))[row]
 

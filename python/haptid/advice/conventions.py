@@ -25,8 +25,8 @@ from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
 from haptid.motion.motion import Motion, treat
 from haptid.treatment_choice.motion_filters import HIGHEST, HIGHEST_PARALLEL
 
-# Samples of the log that a trial passes over, at most: there are dozens of trials.
-_SAMPLES = 20_000
+# Samples of the log that a trial passes over, and rows of it, at most: there are dozens of trials.
+_SAMPLES, _ROWS = 20_000, 4000
 # Cut-off of the parallel filter, at least, over the bandwidth of the motion.
 _PASSED = 3.0
 # Steps of a search, at most.
@@ -102,7 +102,8 @@ def other_counts(
     chosen: tuple[Count, ...] = (_SAME,) * len(turning)
     # Delayed once: each trial would compute all torques of a long log again.
     now = [_counted(undelayed(finer(_with_all_motion(motion, bandwidth_hz))), chosen) for motion in motions]
-    rows = first = trial_rows(model, now, beta, most=_SAMPLES)
+    most = min(_SAMPLES, _ROWS * max(motion.treatment.decimation for motion in now))
+    rows = first = trial_rows(model, now, beta, most=most)
     tried, rivals = 0, list[str]()
     names = tuple(model.device.joints[k].name for k in model.device.active)
     for _ in range(_MOST_STEPS):
@@ -110,7 +111,7 @@ def other_counts(
         for changes in (_singles(chosen, turning, directed), _pairs(chosen, turning)):
             every = list(changes)
             tried += len(every)
-            steps = _steps(model, now, rows, every)
+            steps = _steps(model, now, rows, every, most)
             if steps:
                 break
         if not steps:
@@ -146,13 +147,13 @@ def _pairs(chosen: Sequence[Count], turning: Sequence[bool]) -> Iterator[tuple[C
 
 
 def _steps(
-    model: DynamicModel, now: Sequence[Motion], rows: TrialRows, changes: Sequence[tuple[Count, ...]]
+    model: DynamicModel, now: Sequence[Motion], rows: TrialRows, changes: Sequence[tuple[Count, ...]], most: int
 ) -> list[_Step]:
-    """Changes of a large, significant gain over rows."""
+    """Changes of a large, significant gain over rows, which are of so many samples at most."""
     made, start = list[_Step](), np.zeros(len(model.base))
     for counts in changes:
         try:
-            there = trial_rows(model, [_counted(motion, counts) for motion in now], start, (), now, _SAMPLES)
+            there = trial_rows(model, [_counted(motion, counts) for motion in now], start, (), now, most)
         except HaptidError:
             continue
         if there.used.shape == rows.used.shape:

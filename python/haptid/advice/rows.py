@@ -169,8 +169,11 @@ class BaseRows:
             for motion, there in zip(motions, like or motions, strict=True)
         ]
         every = [wanted.blocks() for _, wanted in plans]
-        seconds = sum(block.stop - block.start for own in every for block in own)
-        kept = evenly_spaced(sum(map(len, every)), round(seconds / motions[0].dt), most)
+        # Logs of a fit may have different rates.
+        samples = sum(
+            (one.stop - one.start) / plan.motion.dt for (plan, _), own in zip(plans, every, strict=True) for one in own
+        )
+        kept = evenly_spaced(sum(map(len, every)), round(samples), most)
         for k, (plan, wanted) in enumerate(plans):
             here = kept[(kept >= before) & (kept < before + len(every[k]))] - before
             for start, stop in row_ranges(wanted, [every[k][b] for b in here]):

@@ -195,7 +195,7 @@ def search_of(
         setting = Setting(terms=(own,))
         made.append(TriedChange(source.kind, (source.place,), setting, (source,), (source.index,), what))
     labels = [model.device.row_labels[k] for k in rows]
-    measured = [k for k, row in enumerate(rows) if row in model.measured_rows]
+    measured = [k for k, row in enumerate(rows) if candidate_columns.of_channel(model, k, row)]
     for k, label in ((k, labels[k]) for k in measured):
         made.append(TriedChange("gain", (label,), Setting(free=(k,)), (), (k,)))
     for i, j in combinations(measured, 2):

@@ -209,7 +209,7 @@ def expect_motors(method: str, observation: Observation) -> None:
             f"{method} takes the torque of every row as measured, and nothing drives {free}.",
             where="method",
             found=method,
-            advice='Use WLS or IRLS, or leave torque = "zero" out of the device file.',
+            advice="Use WLS or IRLS.",
         )
 
 

@@ -86,7 +86,7 @@ class Guidance:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A motion, and W'W of each measured row in the mean over its states, (measured, p, p)."""
+    """A motion, and W'W of each row of known torque in the mean over its states, (known, p, p)."""
 
     joints: tuple[str, ...]
     how: str
@@ -181,7 +181,7 @@ class MotionGuide:
 
     @cached_property
     def _reference(self) -> Array:
-        """W'W of each measured row in the mean over random states of the workspace, (measured, p, p)."""
+        """W'W of each row of known torque in the mean over random states of the workspace, (known, p, p)."""
         rng = np.random.default_rng(self._seed)
         q = self._poses[:, rng.integers(0, self._poses.shape[1], _STATES)]
         qd = self._fast[:, None] * rng.uniform(-1, 1, q.shape)
@@ -190,7 +190,7 @@ class MotionGuide:
         return self._gram(q, qd, qdd)
 
     def _gram(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """W'W of each measured row in the mean over some states of the active joints, (measured, p, p)."""
+        """W'W of each row of known torque in the mean over some states of the active joints, (known, p, p)."""
         S = self.model.device.parameters.S[:, list(self.model.base.independent_columns)]
         B = np.asarray(self.model.device.row_map)
         W = regressor_columns(self.model, B @ q, B @ qd, B @ qdd, S)[list(self.model.known_rows)]

@@ -49,9 +49,8 @@ class Chunk:
 
     @staticmethod
     def of(plan: Plan, start: int, stop: int) -> Chunk:
-        """Rows start..stop of a plan, of all motors whose torque is measured."""
-        measured = (k for k, known in enumerate(plan.model.device.known) if known)
-        return Chunk(plan, start, stop, plan.model, tuple(measured))
+        """Rows start..stop of a plan, all whose torque is known."""
+        return Chunk(plan, start, stop, plan.model, plan.model.known_rows)
 
     @cached_property
     def signals(self) -> Signals:

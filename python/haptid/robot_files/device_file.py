@@ -158,7 +158,7 @@ def _drive_notes(of: MovingTree, loops: OpenLoops) -> list[Note]:
     if idle:
         text = (
             f"the source has no motor for {', '.join(idle)}; the device measures their torques too. Where nothing "
-            'drives them, delete their [[motors]] in the device file and write torque = "zero" in their [[joints]]'
+            'drives them, write torque = "zero" in their [[joints]], and delete their [[motors]] if the file has any'
         )
         said.append(Note("approximate", text))
     return said

@@ -61,8 +61,8 @@ def closing_joints(
             Note("approximate", "no transmission says what drives the loops: joints nearest the base are taken")
         )
     used = {end for cut in made for end in (cut.link_a, cut.link_b)}
-    called = [name for name in dict.fromkeys((*links, *(j.name for j in joints))) if _CALLED.search(name)]
-    called = [name for name in called if name not in used]
+    open_joints = (one.name for one in joints if one.child not in used)
+    called = [name for name in dict.fromkeys((*links, *open_joints)) if _CALLED.search(name) and name not in used]
     if called:
         names = ", ".join(called[:_NAMED]) + (", ..." if len(called) > _NAMED else "")
         notes.append(Note("left out", f"loops at {names}, by their names: {_OPEN}"))
@@ -90,7 +90,8 @@ def _in_gazebo(
     if table is not None and (xyz := table.first("xyz")) is not None:
         axis = unit_axis(xyz.numbers_of("xyz", xyz.text, 3), xyz)
         old = table.first("use_parent_model_frame")
-        if old is not None and old.text.strip() in ("1", "true"):
+        of_model = xyz.attributes.get("expressed_in", "").strip() == "__model__"
+        if of_model or (old is not None and old.text.strip() in ("1", "true")):
             axis = (world @ at)[:3, :3].T @ axis
     onto = np.eye(4) if kind == "spherical" else least_turn(axis)
     there = world @ at @ onto

@@ -180,7 +180,7 @@ def parse(content: bytes, file: str) -> Element:
 def _without_dashes(found: re.Match[bytes]) -> bytes:
     """A comment without the dashes in it, as of `gz sim --verbose`, which only strict parsers such as expat refuse."""
     inside = found["inside"]
-    return found[0] if inside is None else found[0].replace(inside, inside.replace(b"-", b" "), 1)
+    return found[0] if inside is None else b"<!--" + inside.replace(b"-", b" ") + found[0][len(b"<!--" + inside) :]
 
 
 class _Parser:

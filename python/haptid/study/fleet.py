@@ -248,13 +248,16 @@ class Fleet:
         Logarithms of errors further above their median than 3.5 robust standard deviations, and errors above twice the
         median: in such a log the model does not hold, and its parameters count in means and drift like all others.
         """
-        fits = [one for one in self.entries if not one.error and one.error_percent > 0]
-        if len(fits) < _LEAST_FITS:
+        if len(self._fits) < _LEAST_FITS:
             return ()
-        size = np.log([one.error_percent for one in fits])
+        size = np.log([one.error_percent for one in self._fits])
         away = size - np.median(size)
         limit = max(_UNUSUAL * _NORMAL_MAD * float(np.median(np.abs(away))), float(np.log(_WORSE)))
-        return tuple(fits[k] for k in np.argsort(-away) if away[k] > limit)
+        return tuple(self._fits[k] for k in np.argsort(-away) if away[k] > limit)
+
+    @cached_property
+    def _fits(self) -> tuple[FleetEstimate, ...]:
+        return tuple(one for one in self.entries if not one.error and one.error_percent > 0)
 
     def _failures(self) -> Iterator[str]:
         good, devices = len(self.entries) - len(self.failed), len({one.log.device for one in self.entries})
@@ -265,12 +268,12 @@ class Fleet:
             yield f"{len(self.failed) - 5} more logs failed: logs.csv has their errors."
 
     def _misfits(self) -> Iterator[str]:
-        usual = np.median([one.error_percent for one in self.entries if not one.error] or [0.0])
+        usual = np.median([one.error_percent for one in self._fits] or [0.0])
         for one in self.misfits[:5]:
             yield (
                 f"{one.log.device}/{one.log.path.name}: the error of its fit is {one.error_percent:.3g} %, in the "
-                f"median of the logs {usual:.3g} %. Its parameters are not those of the model, and count in the "
-                f"means of {one.log.device} all the same: find out why (haptid advise), or take it out of the folder."
+                f"median of the logs {usual:.3g} %. Its parameters may be wrong, and count in the means of "
+                f"{one.log.device}: find out why (haptid advise), and take it out of the folder if nothing repairs it."
             )
         if len(self.misfits) > 5:
             yield f"{len(self.misfits) - 5} more logs fit badly: logs.csv has their errors."

@@ -201,7 +201,7 @@ class _Rows(Rows):
 
     def __iter__(self) -> Iterator[Chunk]:
         known, done = self.problem, 0
-        own = tuple(int(k) for k in np.flatnonzero(known.model.device.measured))
+        own = known.model.known_rows
         for plan, place in known.plans:
             step = plan.block * max(1, _PIECE // (plan.block * plan.motion.treatment.decimation))
             for start in range(0, plan.rows, step):

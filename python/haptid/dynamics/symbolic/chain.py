@@ -296,7 +296,7 @@ def symbolic_chain(device: Device) -> SymbolicChain:
     def linear(_: tuple[SymbolicJoint, ...], __: tuple[SymbolicCut, ...], symbols: Symbols) -> SymbolicMotion:
         return linear_motion(device, symbols)
 
-    return assembled(device, device.tables, range(len(device.active)), measured_rows(device), linear)
+    return assembled(device, device.tables, range(len(device.active)), known_rows(device), linear)
 
 
 def assembled(
@@ -428,8 +428,8 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
     return tuple(tuple(int(x) for x in row) for row in multiples)
 
 
-def measured_rows(device: Device) -> SymbolicRows:
-    """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
+def known_rows(device: Device) -> SymbolicRows:
+    """Rows of known torque by active joint; None where all are known, since mixing them changes no relation."""
     if all(device.known):
         return None
     chosen = np.linalg.inv(device.row_map).T[list(device.known)]

@@ -152,9 +152,10 @@ def _added_variables(estimate: Estimate, left: Residuals, instruments: Instrumen
         for k, place in enumerate(places):
             groups[f"{term.name} {k}"] = lack_of_fit.columns_at(term, place, left)
     bodies = plausibility.prior_bodies(model)
+    driven = [k for k, row in enumerate(rows) if model.device.measured[row]]
     simulated = isinstance(estimate.method, MotorSide)
     if _has_accelerations(estimate) and not simulated:
-        groups["delay"] = torque_rates(model, rows)
+        groups["delay"] = torque_rates(model, [rows[k] for k in driven])
     if _has_accelerations(estimate):
         groups["bodies"] = plausibility.prior_torque(model, rows, bodies) if bodies else ()
     if (pairs := instruments.pairs(estimate.observation.motions)) is not None:
@@ -168,7 +169,7 @@ def _added_variables(estimate: Estimate, left: Residuals, instruments: Instrumen
     for term in terms:
         yield lack_of_fit.missing_term(term, places, [by_term[term.name] for by_term in tests])
     if "delay" in groups:
-        yield delay_test.time_delay(augmented, candidates_of["delay"], labels)
+        yield delay_test.time_delay(augmented, candidates_of["delay"], [labels[k] for k in driven])
     elif simulated:
         text = "The torque's delay is not tested: the simulated links hold the delay that they were simulated with."
         yield Finding("time delay", "ok", {}, text)

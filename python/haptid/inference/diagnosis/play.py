@@ -189,8 +189,8 @@ def _rows(estimate: Estimate, position: float, torque: float) -> _Rows | None:
         used = chunk.used
     except HaptidError:
         return None
-    own, measured = device_rows(estimate), np.flatnonzero(model.device.known).tolist()
-    if own != measured or used.sum(axis=1).min() < _CLUSTERS:
+    own = device_rows(estimate)
+    if own != list(model.known_rows) or used.sum(axis=1).min() < _CLUSTERS:
         return None
     chi = raw_parameters(model, estimate.beta)
     error, columns = [], []

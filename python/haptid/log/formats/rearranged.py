@@ -51,8 +51,13 @@ def is_rearranged(head: bytes) -> bool:
     if len(header) < 2 or any(is_number(cell, ".") for cell in header):
         return False
     rows = [row for row in found if len(row) == len(header)]
-    lists = sum(any(len(cell.split()) > 1 and _numbers(cell) is not None for cell in row) for row in rows)
+    lists = sum(any(map(_is_list, row)) for row in rows)
     return lists >= _SHARE * len(lines[1:]) or _whose(header, rows) is not None
+
+
+def _is_list(cell: str) -> bool:
+    """Whether a cell has several numbers, or a list of names: of one joint, as a gripper, beside it is one number."""
+    return _NAMES.fullmatch(cell) is not None or (len(cell.split()) > 1 and _numbers(cell) is not None)
 
 
 def names(path: Path) -> list[str]:
@@ -179,9 +184,8 @@ def _whose(header: list[str], rows: Sequence[list[str]] | Iterator[list[str]]) -
     for k, name in enumerate(header):
         values = [row[k] for row in rows if len(row) == len(header)]
         joints = list(dict.fromkeys(values))
-        if not (
-            _WHOSE.search(name) and 1 < len(joints) <= _MOST_JOINTS and len(values) >= _FEWEST_CYCLES * len(joints)
-        ):
+        few = 1 < len(joints) <= min(_MOST_JOINTS, len(values) // _FEWEST_CYCLES)
+        if not (_WHOSE.search(name) and few) or any(map(_NAMES.fullmatch, joints)):
             continue
         follows = {(joints[i - 1], joint) for i, joint in enumerate(joints)}
         if sum(pair in follows for pair in pairwise(values)) >= _SHARE * (len(values) - 1):
