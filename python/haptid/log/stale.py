@@ -132,9 +132,11 @@ def find_stale(
         position[:] = False
     slow = same_position & ~moving
     bound = not slow.any() or float(same_torque[slow].mean()) >= FOLLOWS
-    if bound and moving.any() and slow.any():
-        # Stale rows come as often in fast motion: where they are most of the slow repeats, these show nothing else.
-        bound = float((same_position & same_torque)[moving].mean()) < TOGETHER * float(same_position[~moving].mean())
+    if bound and position.any() and slow.any():
+        # Samples that motion catches up on are missed in slow motion as often: where these are most of the repeats
+        # there, the rest shows nothing.
+        caught_up = float((position & same_torque)[moving].mean())
+        bound = caught_up < TOGETHER * float(same_position[~moving].mean())
     fine = [channel for channel in torques() if _is_fine(channel)]
     if fine:
         torque = short_torque & (moving | ~same_position) if bound else short_torque
