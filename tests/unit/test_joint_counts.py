@@ -93,7 +93,7 @@ def test_a_log_that_counts_as_the_device_file_is_left_alone(model: haptid.Dynami
 
 
 def recorded(motion: haptid.Motion, every: int) -> haptid.Log:
-    """A log of each so many-th sample."""
+    """A log of every n-th sample."""
     q, tau = motion.q[::every], motion.tau[::every]
     channels = haptid.Channels(haptid.Signal(tuple("1234"), "rad"), haptid.Signal(tuple("abcd"), "N m"), "t")
     return haptid.Log(Path("log"), "", 0.01 * every * np.arange(len(q)), q, tau, channels)

@@ -149,7 +149,7 @@ def _pairs(chosen: Sequence[Count], turning: Sequence[bool]) -> Iterator[tuple[C
 def _steps(
     model: DynamicModel, now: Sequence[Motion], rows: TrialRows, changes: Sequence[tuple[Count, ...]], most: int
 ) -> list[_Step]:
-    """Changes of a large, significant gain over rows, which are of so many samples at most."""
+    """Changes of a large, significant gain over rows, computed from at most `most` samples."""
     made, start = list[_Step](), np.zeros(len(model.base))
     for counts in changes:
         try:

@@ -54,4 +54,4 @@ def _said(found: Identification, motion: Motion) -> dict[int, str]:
     if motion.log is None:
         return {}
     said = said_of_unseen_noise(found.model.device, motion.log)
-    return {m: said[row] for m, row in enumerate(found.model.measured_rows) if row in said}
+    return {m: said[row] for m, row in enumerate(found.model.known_rows) if row in said}

@@ -146,7 +146,7 @@ class Lattice:
 
 
 def lattices(channels: int) -> tuple[Lattice, ...]:
-    """Lattices of so many channels.
+    """Shifted and rescaled lattices for a number of channels.
 
     Each channel's places are spread evenly over a step, in an order of its own, and so are the sizes of the steps.
     """

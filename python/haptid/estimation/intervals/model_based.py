@@ -165,7 +165,7 @@ def residual_runs(rows: Rows, beta: Array, stride: int = 1) -> list[list[Array]]
 
 
 def runs_of(used: np.ndarray, stride: int = 1) -> Iterator[slice]:
-    """Unbroken runs of used rows, of a mask (rows,); with a stride each run as so many of every `stride`-th row."""
+    """Unbroken runs of used rows, of a mask (rows,); a stride splits each into runs of every `stride`-th row."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], used, [False]]).astype(int)))
     for start, stop in edges.reshape(-1, 2):
         for first in range(int(start), min(int(start) + stride, int(stop))):
