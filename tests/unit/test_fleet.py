@@ -17,7 +17,8 @@ from haptid.errors import LogFileError, StudyFileError
 from haptid.executors import ProcessExecutor
 from haptid.log.file_format import sha256_of
 from haptid.study import read_study
-from haptid.study.fleet import _OneLog, day_in, fleet_logs, identify_fleet
+from haptid.study.fleet import _OneLog, identify_fleet
+from haptid.study.fleet_logs import day_in, fleet_logs
 from haptid.study.fleet_results import FleetResults
 from json_outputs import valid
 from motions import multisine

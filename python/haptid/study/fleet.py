@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
@@ -15,14 +14,14 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HaptidError, LogFileError, ShapeError, listed
+from haptid.errors import HaptidError, ShapeError, listed
 from haptid.estimation import Estimate, estimate
 from haptid.executors import Executor, SerialExecutor
-from haptid.log.file_format import FORMATS
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
 from haptid.study import Study
+from haptid.study.fleet_logs import SECONDS_IN_DAY, FleetLog, fleet_logs
 from haptid.study.fleet_results import FleetResults, fleet_fingerprint
 from haptid.study.identify import check_kind, logs_to_propose_from, read_entry, with_all_uncertainty
 from haptid.study.schema import fault
@@ -33,11 +32,6 @@ from haptid.uncertainty.quantities import LEVEL, aligned, half_width
 from haptid.uncertainty.random_effects import RandomEffects, random_effects
 from haptid.validation.validation import fit_errors
 
-_SECONDS_IN_DAY = 86400.0
-# A date in a name, with the time of the day where it follows.
-_DATE = re.compile(
-    r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?:[T_ -]?([0-2]\d)[-:h]?([0-5]\d)(?:[-:m]?([0-5]\d))?)?(?!\d)"
-)
 # Fewest logs of a device whose drift is told, and fewest devices of which one is called unusual.
 _LEAST_LOGS, _LEAST_DEVICES = 3, 4
 # Distance from the median of the devices, in robust standard deviations, of an unusual one (Iglewicz and Hoaglin 1993).
@@ -56,21 +50,6 @@ _KEPT: dict[str, Callable[[Any], Any]] = {
     "dof": np.array,
 }
 _Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class FleetLog:
-    """A log of a fleet.
-
-    Attributes:
-        device: name of the folder that it lies in.
-        path: of the file.
-        day: when it was recorded, days since 1970.
-    """
-
-    device: str
-    path: Path
-    day: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +297,7 @@ class Fleet:
         heads = [head for name in self.names for head in (name, f"se {name}")]
         rows = [["device", "log", "recorded", "status", "error of the fit, %", *heads, "problem"]]
         for one in self.entries:
-            when = datetime.fromtimestamp(one.log.day * _SECONDS_IN_DAY, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+            when = datetime.fromtimestamp(one.log.day * SECONDS_IN_DAY, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
             pairs = [f"{x:.9g}" for pair in zip(one.values, one.se, strict=True) for x in pair] or [""] * len(heads)
             error = "" if one.error else f"{one.error_percent:.4g}"
             rows.append([one.log.device, one.log.path.name, when, one.status, error, *pairs, one.error])
@@ -359,45 +338,6 @@ class Fleet:
         return "\n".join(
             [*aligned(rows), *([f"{more} more devices: devices.csv"] if more > 0 else []), "", *self.sentences]
         )
-
-
-def fleet_logs(folder: Path) -> tuple[tuple[FleetLog, ...], str]:
-    """The logs below a folder by device and day, and where the days are from.
-
-    Each folder in it is a device; files of the folder itself are of a device of its name. Days are dates in the names
-    of files, such as 2026-03-02 or 20260302T1400; where a name has none, times of modification are taken for all.
-
-    Raises:
-        LogFileError: no file there has the suffix of a log.
-    """
-    suffixes = {suffix for kind in FORMATS for suffix in kind.suffixes}
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
-    paths = [path for path in paths if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
-    if not paths:
-        raise LogFileError(
-            f"{folder} has no logs.",
-            where=folder,
-            limit=tuple(sorted(suffixes)),
-            advice="Give the folder of the fleet: a folder for each device with its logs in it.",
-        )
-    named = [day for path in paths if (day := day_in(path.name)) is not None]
-    whole = len(named) == len(paths)
-    days = named if whole else [path.stat().st_mtime / _SECONDS_IN_DAY for path in paths]
-    own = folder.resolve().name
-    devices = [parts[0] if len(parts := path.relative_to(folder).parts) > 1 else own for path in paths]
-    logs = sorted(map(FleetLog, devices, paths, days), key=lambda log: (log.device, log.day, log.path))
-    return tuple(logs), "file names" if whole else "modification times"
-
-
-def day_in(name: str) -> float | None:
-    """The date in a name as days since 1970, taken as UTC; None without one."""
-    for found in _DATE.finditer(name):
-        year, month, day, hour, minute, second = (int(part or 0) for part in found.groups())
-        try:
-            return datetime(year, month, day, hour, minute, second, tzinfo=UTC).timestamp() / _SECONDS_IN_DAY
-        except ValueError:  # such as a thirteenth month
-            continue
-    return None
 
 
 @dataclass(frozen=True)
