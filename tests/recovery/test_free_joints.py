@@ -68,31 +68,32 @@ TRUE = {
 SEEDS, DT, SECONDS, STEPS = 5, 4e-3, 20.0, 10
 
 
-def moved(held: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cart and pole under a controller of the cart: times, positions (n, 2, seeds), force (n, seeds).
+def moved(held: float = 0.0, driven: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cart and pole under a controller of one of them: times, positions (n, 2, seeds), force or torque (n, seeds).
 
     Lagrange's equations of the two, written out; no program that haptid has a part in. A spring of stiffness `held`
-    stands for a hand on the pole.
+    stands for a hand on the pole; `driven` is 1 where the pole has the motor, and the cart none.
     """
     M, J, S, fv1, fv2, fc1, fc2 = TRUE.values()
     draws = [np.random.default_rng(seed) for seed in range(SEEDS)]
     omega = 2 * np.pi * np.array([rng.uniform(0.2, 1.6, 5) for rng in draws])
     phase = np.array([rng.uniform(0, 2 * np.pi, 5) for rng in draws])
-    size = 0.03 / (omega / 4) ** 0.7
+    size = (0.4 if driven else 0.03) / (omega / 4) ** 0.7
+    stiff, damping, acts = (4.0, 0.4, np.array([0, 1])) if driven else (400.0, 40.0, np.array([1, 0]))
 
     def accelerations(q: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
         sine, cosine = np.sin(q[1]), np.cos(q[1])
-        on_cart = force - fv1 * v[0] - fc1 * np.tanh(v[0] / 5e-4) - S * sine * v[1] ** 2
-        on_pole = -fv2 * v[1] - fc2 * np.tanh(v[1] / 2e-3) + 9.81 * S * sine - held * (q[1] - 0.4)
+        on_cart = acts[0] * force - fv1 * v[0] - fc1 * np.tanh(v[0] / 5e-4) - S * sine * v[1] ** 2
+        on_pole = acts[1] * force - fv2 * v[1] - fc2 * np.tanh(v[1] / 2e-3) + 9.81 * S * sine - held * (q[1] - 0.4)
         coupling = -S * cosine
         return np.array([J * on_cart - coupling * on_pole, M * on_pole - coupling * on_cart]) / (M * J - coupling**2)
 
     t, h = DT * np.arange(round(SECONDS / DT)), DT / STEPS
-    q, v = np.array([(size * np.sin(phase)).sum(1), np.full(SEEDS, 0.3)]), np.zeros((2, SEEDS))
+    q, v = np.array([(1 - driven) * (size * np.sin(phase)).sum(1), np.full(SEEDS, 0.3)]), np.zeros((2, SEEDS))
     position, force = np.empty((len(t), 2, SEEDS)), np.empty((len(t), SEEDS))
     for k, now in enumerate(t):
         wanted, speed = size * np.sin(omega * now + phase), size * omega * np.cos(omega * now + phase)
-        f = 400.0 * (wanted.sum(1) - q[0]) + 40.0 * (speed.sum(1) - v[0])
+        f = stiff * (wanted.sum(1) - q[driven]) + damping * (speed.sum(1) - v[driven])
         position[k], force[k] = q, f
         for _ in range(STEPS):
             a = accelerations(q, v, f)
@@ -119,6 +120,23 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[haptid.Identificatio
     t, q, force = moved()
     folders = [tmp_path_factory.mktemp("cart") for _ in range(SEEDS)]
     return [identified(folder, t, q[:, :, k], force[:, k], k) for k, folder in enumerate(folders)]
+
+
+def test_a_motor_behind_a_joint_that_nothing_drives_is_not_advised_by_the_number_of_its_row(tmp_path: Path) -> None:
+    """Its channel is the first and its row the second: the advice of a late torque ended in a traceback."""
+    t, q, torque = moved(driven=1)
+    late = np.concatenate([np.full(15, torque[0, 0]), torque[:-15, 0]])
+    np.savetxt(tmp_path / "log.csv", np.column_stack([t, q[:, :, 0], late]), delimiter=",", header="t,x,angle,force")
+    device = CART.replace('torque = "zero"\n', "").replace('"prismatic"\n', '"prismatic"\ntorque = "zero"\n')
+    device = device.replace('name = "cart"\ncommand_unit = "N"', 'name = "pole"')
+    (tmp_path / "device.toml").write_text(device + '[transmission]\ntorque_rows = "joint"\n')
+    study = STUDY.replace('unit = "N", side', 'unit = "N m", side') + "[treatment]\ntorque_delay_s = 0\n"
+    (tmp_path / "study.toml").write_text(study)
+    made = haptid.identify(haptid.read_study(tmp_path / "study.toml"))
+    assert made.model.measured_rows == (1,)
+    said = advise(made, diagnose(made.estimate))
+    edits = [edit for action in said.actions for edit in action.edits if edit.path[:2] == ("channels", "torque")]
+    assert not [edit for edit in edits if edit.index]
 
 
 def test_a_drift_of_the_force_beside_a_pole_that_nothing_drives(tmp_path: Path) -> None:
