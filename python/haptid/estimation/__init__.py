@@ -4,7 +4,7 @@ Everything goes through `estimate(observation, method, intervals)`. This room ma
 and simulations; it does not use validation or inference.
 """
 
-from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
+from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
 from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, project_to_feasible
 from haptid.estimation.intervals.between_logs import BetweenLogs
@@ -34,6 +34,7 @@ from haptid.estimation.methods.regularised import Entropic, Ridge
 from haptid.estimation.methods.robust import IRLS, Huber, Loss, StudentT, Tukey
 from haptid.estimation.methods.simulation_based import CLIE, CLOE, DIDIM
 from haptid.estimation.methods.wls import OLS, WLS, Heteroscedastic
+from haptid.estimation.parameter import Parameter
 from haptid.estimation.recursive import RecursiveIdentification
 
 __all__ = [

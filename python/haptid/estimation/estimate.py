@@ -21,12 +21,14 @@ from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, PointEstimate, Reduced, rows_of
+from haptid.estimation.methods.anchored import reference_torque
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
+from haptid.estimation.parameter import Parameter
 from haptid.estimation.torque_uncertainty import judged_uncertainty
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
-from haptid.uncertainty.figures import per_cent, relative_se_cell, with_digits
+from haptid.uncertainty.figures import per_cent
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
@@ -43,61 +45,6 @@ class Restricted(Method, Protocol):
 
     def constrain(self, observation: Observation, free: Solution) -> Constrained | BoundedSolution:
         """The constrained solution, with the unconstrained one."""
-
-
-class HasIntervals(Protocol):
-    """A vector of estimates with confidence intervals."""
-
-    def conf_int(self, level: float = LEVEL) -> Array:
-        """Confidence intervals, (k, 2)."""
-
-
-@displayed
-@dataclass(frozen=True)
-class Parameter:
-    """One estimated parameter.
-
-    Attributes:
-        name, unit, grouping: ZZ1R, kg m^2, and what regroups into it.
-        value, se: and its cluster-robust standard error, SI.
-        classical_se: its classical standard error, valid for white residuals.
-        prior: prior value and standard deviation, or None.
-        free: value of the unconstrained fit, to which `sd` belongs; `value` without constraints.
-        constrained_outside_ci: whether constraints move the value outside of the interval of the unconstrained fit.
-        owner, index: the estimate or targets that it is one of, and where.
-    """
-
-    name: str
-    unit: str
-    grouping: str
-    value: float
-    se: float
-    classical_se: float
-    prior: tuple[float, float | None] | None
-    free: float
-    constrained_outside_ci: bool
-    owner: HasIntervals = field(repr=False, compare=False)
-    index: int = field(repr=False, compare=False)
-
-    def conf_int(self, level: float = LEVEL) -> tuple[float, float]:
-        """Confidence interval, SI."""
-        low, high = self.owner.conf_int(level)[self.index]
-        return float(low), float(high)
-
-    @property
-    def relative_se(self) -> float:
-        """Relative standard error 100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with absolute value).
-
-        NaN where `constrained_outside_ci`: the standard error then does not describe the value.
-        """
-        if self.constrained_outside_ci:
-            return float("nan")
-        return 100 * self.se / abs(self.value) if self.value else float("inf")
-
-    def _shown(self) -> Overview:
-        ends = " .. ".join(with_digits(end, self.se) for end in self.conf_int())
-        title = f"{self.name} = {with_digits(self.value, self.se)} {self.unit}, 95 % interval {ends}"
-        return Overview(title, notes=(f"regroups {self.grouping}",) if self.grouping else ())
 
 
 @displayed
@@ -216,6 +163,32 @@ class Estimate:
         return self.quantities.unbounded
 
     @cached_property
+    def unexcited(self) -> tuple[int, ...]:
+        """Indices of the parameters whose values mean nothing, since the rows do not tell them.
+
+        One standard error of such a parameter is as much torque, in a reference motion of the whole workspace at the
+        log's speed, as was measured in the log (`reference_torque`); or it is not determined at all, and left out at
+        zero; or it is in the model only through the rounding of the device file's angles.
+        """
+        invented = {self.names.index(name) for name in self.model.only_by_rounding}
+        left_out = set(self.zero) & set(self.single_block)
+        return tuple(sorted(invented | left_out | self._open))
+
+    @property
+    def _open(self) -> set[int]:
+        """Indices of those of which one standard error is as much torque as was measured; none of held poses."""
+        if not self.observation.motions:
+            return set()
+        half = np.diff(self.conf_int(), axis=1)[:, 0] / 2
+        # Constraints may bound a parameter more narrowly; without a standard error there is the classical one.
+        size = np.minimum(np.maximum(np.where(np.isfinite(self.se), self.se, 0.0), self._classical_se), half)
+        return set(np.flatnonzero(size * np.linalg.norm(reference_torque(self.observation), axis=0) > 1.0).tolist())
+
+    @property
+    def _classical_se(self) -> Array:
+        return np.sqrt(np.diag(self.classical_covariance))
+
+    @cached_property
     def torque_uncertainty(self) -> float:
         """Standard error of the torque in other motion of the log's poses, per cent of the measured torque.
 
@@ -285,7 +258,7 @@ class Estimate:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
-        classical = np.sqrt(np.diag(self.classical_covariance))
+        classical = self._classical_se
         constrained_outside_ci = (
             self.constrained_fit.constrained_outside_ci(half_width(self.se, self.dof)) if self.constrained_fit else ()
         )
@@ -355,16 +328,7 @@ class Estimate:
         return made
 
     def _shown(self) -> Overview:
-        rows = [
-            [
-                p.name,
-                with_digits(p.value, p.se),
-                " .. ".join(with_digits(end, p.se) for end in p.conf_int()),
-                relative_se_cell(p.se, p.value),
-                p.unit,
-            ]
-            for p in self.parameters
-        ]
+        rows = [[p.name, *p.cells[:3], p.unit] for p in self.parameters]
         title = f"Estimate of {self.model.device.name} by {self.method.name}: {self.observation.rows} rows"
         return Overview(title, ("", "value", "95 % interval", "std err %", "unit"), rows, self.notes)
 

@@ -57,6 +57,7 @@ class Provenance:
         zero: indices of eliminated base parameters, which the code omits.
         uses: fitness of the model for each use; empty where it was not diagnosed.
         reason: why these parameters are the model for use, a sentence; empty where there was nothing to choose.
+        unexcited: indices of base parameters whose quoted values mean nothing, since no log tells them.
     """
 
     model: DynamicModel
@@ -68,6 +69,7 @@ class Provenance:
     zero: tuple[int, ...] = ()
     uses: tuple[ResultUse, ...] = ()
     reason: str = ""
+    unexcited: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_fields(self, "beta")
@@ -116,6 +118,7 @@ def counterpart_source(source: Provenance, model: DynamicModel) -> Provenance:
         intervals=None if intervals is None or len(places) < len(same) else intervals[places],
         covariance=None if covariance is None else T @ covariance @ T.T,
         zero=tuple(same.index(k) for k in source.zero if k in same),
+        unexcited=tuple(k for k, row in enumerate(T) if row[list(source.unexcited)].any()),
     )
 
 
@@ -145,11 +148,20 @@ def _identified(
             identified.zero if quoted else identified.zero_for_use,
             tuple(identified.verdict),
             "" if quoted else identified.model_for_use.reason,
+            tuple(k for k, p in enumerate(identified.estimate.parameters) if not p.excited) if quoted else (),
         )
     if isinstance(identified, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in identified.observation.motions if motion.log)
         known = (identified.conf_int(), identified.covariance)
-        return Provenance(identified.model, identified.beta, *known, tuple(hashes), verdict, identified.zero)
+        return Provenance(
+            identified.model,
+            identified.beta,
+            *known,
+            tuple(hashes),
+            verdict,
+            identified.zero,
+            unexcited=identified.unexcited if quoted else (),
+        )
     model, beta = identified
     expect("beta", np.shape(beta), (len(model.base),))
     return Provenance(model, np.asarray(beta, dtype=float), None, None, (), verdict)

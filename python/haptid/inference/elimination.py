@@ -32,6 +32,8 @@ from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.uncertainty.distributions import f_tail
+from haptid.uncertainty.figures import per_cent, relative_se_cell
+from haptid.uncertainty.quantities import aligned
 from haptid.validation.validation import Validation, fit_errors, validate
 
 # Significance level of the F-test.
@@ -168,31 +170,50 @@ class Elimination:
 
     def summary(self) -> str:
         """As text: the steps, the reduced estimate with the change of each parameter, and both errors."""
-        lines = [f"{len(self.full.free_parameters)} parameters, {len(self.essential)} essential. {self.reason}"]
-        for k, step in enumerate(self.steps, 1):
-            lines.append(f"  {k:2d} without {_line(step)}")
-        if self.rejected:
-            lines.append(f"     rejected {_line(self.rejected)}")
-        for k in self.reduced.free_parameters:
-            p = self.reduced.parameters[k]
-            lines.append(
-                f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.conf_int()[0]:11.4g} .. {p.conf_int()[1]:.4g}, "
-                f"{p.relative_se:.2g} %, changed by {self.shift[k]:+.2f} standard errors"
-            )
-        for kind, validations in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):
-            if validations:
-                lines.append(
-                    f"  error on {kind}: {validations[0].relative:.3f} % full, {validations[1].relative:.3f} % reduced"
-                )
-        return "\n".join(lines)
+        parts = [
+            [f"{len(self.full.free_parameters)} parameters, {len(self.essential)} essential. {self.reason}"],
+            self._steps_table(),
+            self._essential_table(),
+            aligned(
+                [
+                    ["error %", "full", "reduced"],
+                    *(
+                        [kind, *(per_cent(v.relative, 3).removesuffix(" %") for v in validations)]
+                        for kind, validations in (("rows of the fit", self.seen), ("unseen rows", self.unseen))
+                        if validations
+                    ),
+                ]
+            ),
+        ]
+        return "\n\n".join("\n".join(lines) for lines in parts if lines)
 
+    def _steps_table(self) -> list[str]:
+        """The steps, and the one that was rejected."""
+        tried = [*self.steps, *([self.rejected] if self.rejected else [])]
+        if not tried:
+            return []
+        rows = [
+            [
+                step.name,
+                relative_se_cell(step.relative_se, 100.0),
+                f"{step.test.F:.3g}",
+                f"{step.test.dof[0]:.1f}, {step.test.dof[1]:.0f}",
+                f"{step.test.p:.2g}",
+                per_cent(step.error, 3).removesuffix(" %"),
+                "rejected" if step is self.rejected else "",
+            ]
+            for step in tried
+        ]
+        return aligned([["without", "std err %", "F", "dof", "p", "error %", ""], *rows])
 
-def _line(step: EliminationStep) -> str:
-    F, (above, below) = step.test.F, step.test.dof
-    return (
-        f"{step.name:8s} relative standard error {step.relative_se:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
-        f"p = {step.test.p:.2g}, error {step.error:.3f} %"
-    )
+    def _essential_table(self) -> list[str]:
+        """The parameters that remain, to the digits that their standard errors leave."""
+        parameters = self.reduced.parameters
+        rows = [
+            [p.name, p.cells.value, p.cells.interval, p.unit, p.cells.relative, f"{self.shift[p.index]:+.2f}"]
+            for p in (parameters[k] for k in self.reduced.free_parameters)
+        ]
+        return aligned([["essential", "value", "95 % interval", "unit", "std err %", "change, std errs"], *rows])
 
 
 @dataclass(frozen=True)

@@ -101,6 +101,13 @@ class Targets:
         return freeze(np.column_stack([low, high]))
 
     @cached_property
+    def unexcited(self) -> tuple[int, ...]:
+        """Indices of targets not told apart from zero that are combined of base parameters which are not excited."""
+        open_ones = list(self.estimate.unexcited)
+        on_open = np.abs(self.C[:, open_ones]).any(axis=1)
+        return tuple(int(k) for k in np.flatnonzero(on_open & ~(self.se < np.abs(self.value))))
+
+    @cached_property
     def between_logs(self) -> BetweenLogs | None:
         """Scatter between logs, and intervals of a repeat; None with fewer than three logs."""
         return self.estimate.between_logs_of(self.unconstrained, self.value, self.C)

@@ -16,11 +16,15 @@ from haptid.report.model_tables import table
 from haptid.report.source import criterion
 from haptid.study.identify import Identification, Run
 from haptid.treatment_choice.calibration import Calibration
-from haptid.uncertainty.figures import relative_se_cell, with_digits
+from haptid.uncertainty.figures import with_digits
 from haptid.validation.validation import Validation
 
 # Relative standard errors of parameters shown in grey, per cent.
 _GREY = 50.0
+UNEXCITED = (
+    "Not excited: in a motion through the whole workspace, one standard error of the parameter is more torque than the "
+    "log has; or only rounded angles put it into the model. Its figure in result.json means nothing by itself."
+)
 
 
 def show_identification(console: Console, identification: Identification) -> None:
@@ -41,9 +45,11 @@ def show_identification(console: Console, identification: Identification) -> Non
         console.print(parameter_table("Targets", targets(identification.estimate).parameters))
     if identification.projection:
         console.print(searched_table(identification.projection))
-    grey = any(p.relative_se > _GREY for p in identification.estimate.parameters)
+    parameters = identification.estimate.parameters
+    grey = any(p.relative_se > _GREY and p.excited for p in parameters)
     console.print(
         f"{'Grey rows: the standard error exceeds half the value. ' if grey else ''}"
+        f"{'' if all(p.excited for p in parameters) else f'{UNEXCITED} '}"
         "Regroupings: result.json, or `haptid model`.",
         style="dim",
     )
@@ -117,7 +123,8 @@ def searched_table(projection: VariableProjection) -> Table:
 def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
     """Parameters with their 95 % intervals, relative standard errors and classical ones."""
     headings = ("", "value", "95 % interval", "std err %", "classical %", "prior", "unit")
-    return table(title, headings, [(parameter_cells(p), p.relative_se > _GREY) for p in parameters], left=("unit",))
+    rows = [(parameter_cells(p), p.relative_se > _GREY or not p.excited) for p in parameters]
+    return table(title, headings, rows, left=("unit",))
 
 
 def calibration_table(calibration: Calibration) -> Table:
@@ -160,17 +167,8 @@ def between_cells(between: BetweenLogs, k: int) -> list[str]:
 
 
 def parameter_cells(p: Parameter) -> list[str]:
-    """One row of the table, to two digits of the standard error; none for a value constrained outside its interval."""
-    low, high = (with_digits(end, p.se) for end in p.conf_int())
-    return [
-        p.name,
-        f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
-        f"{low} .. {high}",
-        "" if p.constrained_outside_ci else relative_se_cell(p.se, p.value),
-        "" if p.constrained_outside_ci else relative_se_cell(p.classical_se, p.value),
-        "" if p.prior is None else with_digits(p.prior[0], p.se),
-        p.unit,
-    ]
+    """One row of the table."""
+    return [p.name, *p.cells, p.unit]
 
 
 def error_table(runs: tuple[Run, ...], row: str) -> Table:

@@ -178,6 +178,9 @@ class ResultParameter(_Quantity):
     constrained_outside_ci: bool = Field(
         default=False, description="the constraints move it out of the unconstrained interval"
     )
+    excited: bool = Field(
+        default=True, description="false where the log does not tell it: the value means nothing by itself"
+    )
     grouping: str = Field(description="what regroups into it, as a formula")
     eliminated: bool | None = Field(
         default=None, description="set to zero by backward elimination; null without elimination"
@@ -200,6 +203,7 @@ class ResultParameter(_Quantity):
             classical_se=p.classical_se,
             relative_se_percent=p.relative_se,
             constrained_outside_ci=p.constrained_outside_ci,
+            excited=p.excited,
             grouping=p.grouping,
             eliminated=eliminated,
             prior=None if p.prior is None else _Prior(value=p.prior[0], std=p.prior[1]),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.estimation.least_squares import Knowledge, Solution, unexcited
@@ -75,12 +76,23 @@ class AnchoredConsistent(Anchored):
         return PhysicallyConsistent(self.weighting).constrain(observation, free)
 
 
+# Of an observation: it is needed for the model for use, and to tell which parameters are not excited.
+_REFERENCE: WeakKeyDictionary[Observation, Array] = WeakKeyDictionary()
+
+
 def reference_torque(observation: Observation) -> Array:
     """R factor of the base parameters' torque in a reference motion, in units of the measured torque, (p, p).
 
     The norm of its product with a vector of base parameters is the root of the sum over motors of the mean square
     torque that they exert, each in units of the motor's root mean square torque in the log.
     """
+    if observation not in _REFERENCE:
+        _REFERENCE[observation] = freeze(_reference_torque(observation))
+    return _REFERENCE[observation]
+
+
+def _reference_torque(observation: Observation) -> Array:
+    """The same, computed."""
     model, rng = observation.model, np.random.default_rng(_SEED)
     c = model.device.row_map @ model.device.closure.draw(rng, _STATES)
     speed, acceleration = _scales(model, observation.motions)

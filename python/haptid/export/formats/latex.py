@@ -11,6 +11,7 @@ from haptid._internal.escaping import latex_text
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
+from haptid.estimation.parameter import NOT_EXCITED
 from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, about, provenance
 
@@ -58,7 +59,8 @@ def _parameters(source: Provenance) -> str:
     lines = []
     for k, (name, unit) in enumerate(zip(source.model.base.names, source.model.base.units, strict=True)):
         interval = ("", "") if source.intervals is None else tuple(map(latex_number, source.intervals[k]))
-        lines.append(" & ".join((f"${subscript(name)}$", latex_number(source.beta[k]), *interval, unit_text(unit))))
+        value = NOT_EXCITED if k in source.unexcited else latex_number(source.beta[k])
+        lines.append(" & ".join((f"${subscript(name)}$", value, *interval, unit_text(unit))))
     head = r"parameter & value & \multicolumn{2}{c}{95\,\% interval} & unit"
     return _table("lrrrl", head, lines)
 

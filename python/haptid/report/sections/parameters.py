@@ -17,8 +17,7 @@ from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
 from haptid.report.source import ReportSource
-from haptid.report.tables import between_cells, calibration_cells
-from haptid.uncertainty.figures import relative_se_cell, with_digits
+from haptid.report.tables import UNEXCITED, between_cells, calibration_cells
 
 # With more parameters backward elimination takes too long for a report.
 MOST_SEARCHED = 60
@@ -73,6 +72,7 @@ class ParametersSection(Section):
             searched=_searched(source.identification.projection),
             symbols=[f"{s.name} = {s.value:.6g}" for s in regroupings.symbols] if regroupings else [],
             about=[
+                *(() if all(row["excited"] for row in rows) else (UNEXCITED,)),
                 *(calibration.sentences(estimate.model) if calibration else ()),
                 *(gimbal.sentences if (gimbal := source.identification.gimbal) else ()),
                 *(estimate.between_logs.sentences if estimate.between_logs else ()),
@@ -151,13 +151,13 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
         "formula": formula,
         "latex": "",
         "essential": essential,
-        "uncertain": bool(relative > 50),
+        "excited": p.excited,
+        "uncertain": bool(relative > 50) or not p.excited,
         "shown": {
-            "value": f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
-            "low": with_digits(p.conf_int()[0], p.se),
-            "high": with_digits(p.conf_int()[1], p.se),
-            "relative": "" if p.constrained_outside_ci else relative_se_cell(p.se, p.value),
-            "prior": "" if p.prior is None else with_digits(p.prior[0], p.se),
+            "value": p.cells.value,
+            "interval": p.cells.interval.replace("..", "…"),
+            "relative": p.cells.relative,
+            "prior": p.cells.prior,
         },
     }
 

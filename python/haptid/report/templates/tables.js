@@ -32,14 +32,14 @@ function commas(rows) {
 
 const FORMATS = {
   csv: (rows) => {
-    const keys = ["name", "value", "low", "high", "se", "relative", "classical_se", "prior", "unit", "essential", "grouping"];
+    const keys = ["name", "value", "low", "high", "se", "relative", "classical_se", "prior", "unit", "excited", "essential", "grouping"];
     return commas([keys, ...rows.map((row) => keys.map((key) => row[key]))]);
   },
   json: (rows) => JSON.stringify(rows.map(({ shown: _, symbol, formula, ...rest }) => rest), null, 1) + "\n",
   tex: (rows) => {
     const body = rows.map((row) => {
       const name = row.latex ? row.latex.split(" = ")[0] : `\\mathrm{${row.name.replace(/_/g, "\\_")}}`;
-      return `$${name}$ & ${row.shown.value} & ${row.shown.low} to ${row.shown.high} & ${row.unit.replace(/\^2/g, "$^2$")} \\\\`;
+      return `$${name}$ & ${row.shown.value} & ${row.shown.interval.replace("…", "to")} & ${row.unit.replace(/\^2/g, "$^2$")} \\\\`;
     });
     return ["\\begin{tabular}{lrrl}", "parameter & value & 95\\,\\% interval & unit \\\\ \\hline", ...body, "\\end{tabular}", ""].join("\n");
   },
