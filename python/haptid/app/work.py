@@ -56,16 +56,17 @@ def digest_of(study: Path) -> str:
         DeviceFileError: its device cannot be read.
     """
     from haptid.device.toml.reader import read_tables
+    from haptid.log.formats.folders import log_files
     from haptid.study import read_study
 
     found, made = read_study(study), hashlib.sha256(study.read_bytes())
     made.update(read_tables(found.device)[0].model_dump_json(by_alias=True).encode())
     for entry in found.logs:
         path = study.parent / entry.path
-        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+        files = sorted(path.rglob("*")) if path.is_dir() else log_files(path)
         for file in files:
             about = file.stat() if file.exists() else None
-            name = entry.path if file == path else f"{entry.path}/{file.relative_to(path).as_posix()}"
+            name = os.path.relpath(file, study.parent)
             made.update(f"{name}:{about and (about.st_size, about.st_mtime_ns)}".encode())
     return made.hexdigest()
 

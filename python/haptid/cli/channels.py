@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,8 @@ HELP = """\
 List what a log contains: topics, rates, joints, empty fields, stamps; and a draft of a study.
 
 LOG is a file (CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, db3, TDMS) or the folder of a ROS 2 bag or of a LeRobot
-data set. Quantities and units are guessed from names, stated units and ranges: the table is a draft, each line with the
+data set. Files of one quantity each, as q.csv and tau.csv, are one log; in a study it is a folder, or a path with one
+`*`. Quantities and units are guessed from names, stated units and ranges: the table is a draft, each line with the
 reason of its guess, and nothing is read by it before it stands in a study. Without --device, the draft is the table
 [channels] alone; with it, a study of all LOGs, of which all but the first validate.
 
@@ -43,14 +45,19 @@ def channels(
     from haptid.errors import OptionError
     from haptid.log.survey import survey
     from haptid.log.survey.draft import unrecognised
+    from haptid.log.survey.parts import recordings, sentence
     from haptid.study.draft import draft_study
 
     with errors_shown():
+        apart = recordings(logs) if device is None else []
+        given, logs = len(logs), apart or logs
         if device is None and (study or len(logs) > 1):
             drafted = f"a study of {len(logs)} logs is drafted" if len(logs) > 1 else "--out writes a study, drafted"
             raise OptionError(f"{drafted} with a device file only; add --device DEVICE.", where="--device")
         if device is None:
             surveyed = survey(logs[0])
+            if given > 1:
+                surveyed = replace(surveyed, notes=(sentence(apart), *surveyed.notes))
             draft = surveyed.table
         else:
             folder = study.parent if study else Path()
@@ -72,6 +79,8 @@ def _show(surveyed: Survey, draft: str, study: Path | None) -> None:
     out.print(f"{surveyed.path}: {surveyed.format}", highlight=False)
     for note in surveyed.notes:
         out.print(f"  {note}", highlight=False)
+    if surveyed.unequal:
+        out.print(f"  {surveyed.unequal}", highlight=False)
     for topic in surveyed.topics:
         _show_topic(topic)
     out.print()

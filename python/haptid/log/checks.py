@@ -417,7 +417,8 @@ def non_finite(path: Path, name: str, count: int, index: int, time: float | None
 def unequal_lengths(path: Path, first: str, size: int, name: str, other: int) -> LogDataError:
     """Error of two channels with different numbers of samples."""
     return LogDataError(
-        f"{path}: {first} has {size} samples and {name} has {other}.",
+        f"{path}: {first} has {size} samples and {name} has {other}, {abs(size - other)} "
+        f"{'more' if other > size else 'fewer'}.",
         where=(first, name),
         found=(size, other),
         advice="All mapped channels must be sampled together: bring them to one time base first.",

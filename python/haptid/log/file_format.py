@@ -15,7 +15,15 @@ from haptid._internal.extras import needing
 from haptid.errors import LogFileError
 from haptid.log.formats.assignments import is_assignments
 from haptid.log.formats.controller_trace import HEAD, is_trace
-from haptid.log.formats.folders import bag_files, data_set_files, log_files, natural, parquet_files, table_files
+from haptid.log.formats.folders import (
+    bag_files,
+    data_set_files,
+    is_pattern,
+    log_files,
+    natural,
+    parquet_files,
+    table_files,
+)
 from haptid.log.formats.labelled import is_labelled
 from haptid.log.formats.rearranged import is_rearranged
 from haptid.log.formats.sniff import RawChannel, empty
@@ -144,6 +152,8 @@ def format_of(path: Path) -> Format:
                 if files(path):
                     return kind
             raise _no_log(path)
+        if is_pattern(path) and log_files(path):
+            return _TABLES
         if not path.exists():
             raise LogFileError(
                 f"{path}: no such file.",
@@ -221,10 +231,10 @@ def _inaccessible(path: Path, why: str) -> LogFileError:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes; of a folder, of the names and digests of the files that hold its samples."""
-    if path.is_dir():
-        files = log_files(path)
-        lines = "".join(f"{sha256_of(file)}  {file.relative_to(path).as_posix()}\n" for file in files)
+    """SHA-256 of a file's bytes; of several, of the names and digests of the files that hold its samples."""
+    if path.is_dir() or is_pattern(path):
+        root = Path(path.as_posix().partition("*")[0].rpartition("/")[0]) if is_pattern(path) else path
+        lines = "".join(f"{sha256_of(file)}  {file.relative_to(root).as_posix()}\n" for file in log_files(path))
         return hashlib.sha256(lines.encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -11,11 +11,12 @@ import numpy as np
 
 from haptid._internal.toml_text import basic_string
 from haptid.device import Device
-from haptid.errors import HaptidError
+from haptid.errors import HaptidError, LogFileError
 from haptid.log.file_format import format_of, logs_in
 from haptid.log.formats.folders import log_files, table_files
 from haptid.log.survey import Survey, survey
 from haptid.log.survey.draft import unrecognised
+from haptid.log.survey.parts import recordings, sentence
 
 # Of more runs than these each identifies, and is held out in turn: one run is seldom all of the motion.
 _FEW = 2
@@ -29,14 +30,15 @@ def draft_study(
     """A study of a device and logs, in TOML, and the survey of the first log, from which its channels are.
 
     Args:
-        logs: paths; the second one and later ones validate. One folder of runs, each a file with all channels or a
-            folder, stands for its runs: of two the second one validates, of more each is held out in turn.
+        logs: paths; the second one and later ones validate. One folder of runs, each a file with all channels, a
+            folder, or files of one quantity each, stands for its runs: of two the second one validates, of more each
+            is held out in turn. So do files of one quantity each.
         device: whose active joints the channels are for, by name or alias.
         device_path: as the study names it: a path, or the name of a shipped device.
         folder: where the study will be; paths are relative to it.
 
     Raises:
-        LogFileError: the first log cannot be read.
+        LogFileError: the first log cannot be read, or its files have different numbers of rows.
     """
     joints = {k: (device.joints[k].name, device.joints[k].alias) for k in device.active}
     motors = []
@@ -47,16 +49,24 @@ def draft_study(
     names, driven_names = ([tuple(filter(None, g)) for g in groups] for groups in (joints.values(), motors))
     units = {motor.command_unit for motor in device.motors}
     straight = [device.joints[k].prismatic for k in device.active]
-    given, logs = logs, _runs(logs, len(names))
+    given, apart = logs, recordings([Path(log) for log in logs])
+    logs = apart or _runs(logs, len(names))
     surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
+    if apart:
+        surveyed = replace(surveyed, notes=(sentence(apart), *surveyed.notes))
+    if surveyed.unequal:
+        raise LogFileError(
+            f"{surveyed.path}: {surveyed.unequal}.", where=surveyed.path, advice="Cut them to the rows that they share."
+        )
     each, odd = logs is not given and len(logs) > _FEW, dict[int, str]()
-    if logs is not given:
+    if len(logs) > 1 and logs is not given:
         roles = (
             "all identify, and each is held out in turn" if each else "the first one identifies, the other validates"
         )
         odd = dict(_other_units(surveyed, logs[1:]))
-        said = [f"{given[0]} holds {len(logs)} runs: {roles}; channels are of {Path(logs[0]).name}"]
-        said += [f"{_relative(Path(logs[k]), given[0])}: {text}" for k, text in odd.items()]
+        held = "there are" if len(given) > 1 else f"{given[0]} holds"
+        said = [f"{held} {len(logs)} runs: {roles}; channels are of {Path(logs[0]).name}"]
+        said += [f"{Path(logs[k]).name}: {text}" for k, text in odd.items()]
         surveyed = replace(surveyed, notes=(*said, *surveyed.notes))
     surveyed = replace(surveyed, notes=(*surveyed.notes, *_elsewhere(surveyed, logs[1:])))
     path = Path(device_path)
@@ -148,8 +158,8 @@ def _elsewhere(surveyed: Survey, others: Sequence[str | Path]) -> Iterator[str]:
         if parts and not quantities.issuperset(("position", "torque")):
             has = " and ".join(f"{key}s" for key in parts)
             yield (
-                f"{Path(other).name} has {has}, which {surveyed.path.name} lacks: a log is one file with all of its "
-                "channels; put their columns side by side in one table"
+                f"{Path(other).name} has {has}, which {surveyed.path.name} lacks: put the files of a recording into a "
+                "folder of their own, and name that as the log"
             )
 
 

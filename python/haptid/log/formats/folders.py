@@ -43,8 +43,33 @@ def table_files(folder: Path) -> list[Path]:
     return [file for _, file in sorted(key)] if 1 < len(files) <= _MOST_TABLES else []
 
 
+def is_pattern(path: Path) -> bool:
+    """Whether a path stands for several files: it has one `*`, and is itself no file or folder."""
+    return str(path).count("*") == 1 and not path.exists()
+
+
+def matched_files(pattern: Path) -> list[tuple[str, Path]]:
+    """Tables and arrays that a path with one `*` stands for, each behind what it has there: `run1_*.csv`, `*/run1.csv`.
+
+    The `*` is within the name of a file or of a folder.
+    """
+    before, _, after = pattern.as_posix().partition("*")
+    folder, _, start = before.rpartition("/")
+    end, _, inside = after.partition("/")
+    root = Path(folder or ("/" if before.startswith("/") else "."))
+    found = []
+    for entry in root.iterdir() if root.is_dir() else ():
+        name, file = entry.name, entry / inside if inside else entry
+        whole = len(name) > len(start) + len(end) and name.startswith(start) and name.endswith(end)
+        if whole and file.suffix.lower() in _TABLES and file.is_file():
+            found.append((name[len(start) : len(name) - len(end)], file))
+    return sorted(found, key=lambda own: natural(own[0])) if len(found) <= _MOST_TABLES else []
+
+
 def log_files(path: Path) -> list[Path]:
-    """The files that hold a log's samples: itself, or those of its folder."""
+    """The files that hold a log's samples: itself, those of its folder, or those that its one `*` stands for."""
+    if is_pattern(path):
+        return [file for _, file in matched_files(path)]
     if not path.is_dir():
         return [path]
     return data_set_files(path) or bag_files(path) or parquet_files(path) or table_files(path)

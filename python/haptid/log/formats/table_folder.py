@@ -2,13 +2,15 @@
 
 A file of one column is one channel, `q1`; those of others are `position.q1`, or `position[1]` without a header. A file
 of one column that has the samples of several joints in turn is `position[1]`, ... too. Files without headers that all
-begin with a column of times are joined by these: `time`, and `pos` or `pos[1]`, ... of `pos.txt`.
+begin with a column of times are joined by these: `time`, and `pos` or `pos[1]`, ... of `pos.txt`; so are files with
+headers that all have times, where these differ. A path with one `*`, `run1_*.csv`, stands for the files of one
+recording among others; what they have in its place are the names of their signals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +18,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
-from haptid.log.formats.folders import DUMP, table_files
+from haptid.log.formats.folders import DUMP, is_pattern, matched_files, table_files
 from haptid.log.formats.sniff import RawChannel, check_members
 from haptid.log.request import Request
 
@@ -25,10 +27,10 @@ _SMALL = 2**16
 # Most joints whose samples follow each other in one column; and the share of the steps from sample to sample that the
 # steps from a joint's sample to its next one are below, in the median.
 _MOST_JOINTS, _IN_TURN = 64, 0.5
-# The channel of the times that files have in common; share of the span by which these may begin and end apart; and
-# share of the rows of each file that its times have in common with all others': where there are fewer, rows of one
-# file alone are kept, and their channels are merged by time.
-_TIME, _APART, _COMMON = "time", 0.05, 0.98
+# The channel of the times that files have in common; share of the usual span that those of a file cover; share of the
+# rows of each file that its times have in common with all others': where there are fewer, rows of one file alone are
+# kept, and their channels are merged by time; and share of a step by which equal times differ at most.
+_TIME, _COVERED, _COMMON, _SAME = "time", 0.5, 0.98, 1e-3
 
 if TYPE_CHECKING:
     from haptid.log.file_format import Format
@@ -39,6 +41,7 @@ class _File:
     """A table of the folder.
 
     Attributes:
+        stem: name of its signal.
         channels: names of its columns, by their names in the folder.
         joints: whose samples follow each other in its only column; 1 where it is one channel.
         times: its first column, by which it is joined to the others, (n,): that of the rows before the times stop to
@@ -47,6 +50,7 @@ class _File:
 
     path: Path
     kind: Format
+    stem: str
     channels: dict[str, str]
     joints: int = 1
     times: Array | None = None
@@ -102,7 +106,7 @@ def _files(folder: Path) -> list[_File]:
     found = list(_tables(folder))
     if timed := _timed(found):
         return timed
-    alone = [file for file in found if list(file.channels) == [file.path.stem]]
+    alone = [file for file in found if list(file.channels) == [file.stem]]
     if len(alone) < 2:
         return found
     samples = {file.path: next(iter(file.columns(list(file.channels)).values())) for file in alone}
@@ -111,33 +115,57 @@ def _files(folder: Path) -> list[_File]:
 
 
 def _timed(files: Sequence[_File]) -> list[_File]:
-    """Files without headers whose first columns are times of one recording; none where not most of the tables are.
+    """Files that are joined by times of one recording; none where not most of the tables are.
 
-    Of the others some are of another clock, and some are notes, as the time of the start.
+    Files without headers whose first columns are times; or files with headers that all have times, where these differ:
+    else rows belong together as they are. Of the others some are of another clock, and some are notes, as the time of
+    the start.
     """
+    from haptid.log.survey.names import is_time  # which knows the formats
+
     tables = [file for file in files if len(file.channels) > 1]
-    if len(tables) < 2 or any("column[1]" not in file.channels.values() for file in tables):
+    if len(tables) < 2:
         return []
-    made = [file for one in tables if (file := _with_times(one)) is not None]
+    if all("column[1]" in file.channels.values() for file in tables):
+        made = [timed for file in tables if (timed := _with_first_times(file)) is not None]
+    else:
+        named = [next((own for own, name in file.channels.items() if is_time(name)), "") for file in tables]
+        if not all(named):
+            return []
+        made = [timed for file, own in zip(tables, named, strict=True) if (timed := _with_times(file, own)) is not None]
+        first, *others = [file.times for file in made if file.times is not None] or [np.empty(0)]
+        if all(t.size == first.size and np.allclose(t, first, rtol=0.0, atol=_SAME * _step(first)) for t in others):
+            return []
     ends = np.array([file.times[[0, -1]] for file in made if file.times is not None])
     if len(made) < 2:
         return []
-    middle = np.median(ends, axis=0)
-    near = np.abs(ends - middle).max(axis=1) <= 0.5 * _APART * np.ptp(middle)
+    begin, end = np.median(ends, axis=0)
+    common = np.minimum(ends[:, 1], end) - np.maximum(ends[:, 0], begin)
+    near = common > _COVERED * (end - begin)
     return [file for file, own in zip(made, near, strict=True) if own] if 2 * near.sum() > len(tables) else []
 
 
-def _with_times(file: _File) -> _File | None:
-    """A file with its first column as times; None where it is none."""
+def _step(t: Array) -> float:
+    return float(np.median(np.diff(t))) if t.size > 1 else 0.0
+
+
+def _with_first_times(file: _File) -> _File | None:
+    """A file without a header, with its first column as times; None where it is none."""
     inside = list(file.channels.values())
     inside = inside[1:] if file.path.name == DUMP and len(inside) > 2 else inside  # its first column counts
-    t = file.kind.columns(file.path, inside[:1])[inside[0]].astype(np.float64)
+    own = inside[1:]
+    names = [file.stem] if len(own) == 1 else [f"{file.stem}[{k}]" for k in range(1, len(own) + 1)]
+    return _with_times(replace(file, channels={_TIME: inside[0], **dict(zip(names, own, strict=True))}), _TIME)
+
+
+def _with_times(file: _File, time: str) -> _File | None:
+    """A file with one of its channels as times; None where these do not grow."""
+    inside = file.channels[time]
+    t = file.kind.columns(file.path, [inside])[inside].astype(np.float64)
     grown = 1 + int(np.argmin(np.append(np.diff(t) > 0, False)))
     if grown < 2 or (t[grown:] != t[-1]).any() or t[grown - 1] != t[-1]:
         return None
-    stem, own = _stem(file.path), inside[1:]
-    names = [stem] if len(own) == 1 else [f"{stem}[{k}]" for k in range(1, len(own) + 1)]
-    return _File(file.path, file.kind, dict(zip(names, own, strict=True)), times=t[:grown])
+    return replace(file, channels={own: name for own, name in file.channels.items() if own != time}, times=t[:grown])
 
 
 def _by_time(files: Sequence[_File], wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
@@ -160,7 +188,7 @@ def _by_time(files: Sequence[_File], wanted: Sequence[str], request: Request) ->
             found[name] = made
     rows = "those of each" if few else f"{common.size} of {longest} that all have"
     repeated = f"; up to {stopped} rows at the end repeat the last time: left out" if stopped else ""
-    request.notes.append(f"the first column of each file is its times: joined by them, rows are {rows}{repeated}")
+    request.notes.append(f"each file has its times: joined by them, rows are {rows}{repeated}")
     return found
 
 
@@ -176,14 +204,15 @@ def _in_turn(file: _File, column: RawChannel, rows: int) -> _File:
     if not turns < _IN_TURN * steps:
         return file
     (inside,) = file.channels.values()
-    return _File(file.path, file.kind, {f"{file.path.stem}[{k}]": inside for k in range(1, joints + 1)}, joints)
+    return replace(file, channels={f"{file.stem}[{k}]": inside for k in range(1, joints + 1)}, joints=joints)
 
 
 def _tables(folder: Path) -> Iterator[_File]:
     """Each file as a table."""
     from haptid.log.file_format import format_of  # which names this module among the formats
 
-    for file in table_files(folder):
+    files = matched_files(folder) if is_pattern(folder) else [(_stem(file), file) for file in table_files(folder)]
+    for stem, file in files:
         kind = format_of(file)
         try:
             inside = kind.names(file)
@@ -191,8 +220,8 @@ def _tables(folder: Path) -> Iterator[_File]:
                 kind.columns(file, inside)
         except LogFileError:
             continue
-        named: Callable[[str], str] = _name_of(_stem(file), inside)
-        yield _File(file, kind, {named(name): name for name in inside})
+        named: Callable[[str], str] = _name_of(stem, inside)
+        yield _File(file, kind, stem, {named(name): name for name in inside})
 
 
 def _stem(file: Path) -> str:

@@ -119,6 +119,27 @@ class Survey:
         return tuple(key for key in wanted if key not in named)
 
     @property
+    def unequal(self) -> str:
+        """Which channels of the table have more rows than others, in words; empty where none of them has.
+
+        Of a folder of tables, whose files without times belong together row by row.
+        """
+        named = tomllib.loads(self.table).get("channels", {}) if self.table else {}
+        rows = {channel.name: channel.rows for topic in self.topics if not topic.name for channel in topic.channels}
+        chosen = {key: _first(named[key]) for key in ("position", "torque", "velocity", "time") if key in named}
+        counts = {key: rows[name] for key, name in chosen.items() if name in rows}
+        least = min(counts, key=counts.__getitem__, default="")
+        return next(
+            (
+                f"{chosen[key]} has {count} rows and {chosen[least]} has {counts[least]}, "
+                f"{count - counts[least]} fewer: without times of their own, which rows belong together is not known"
+                for key, count in counts.items()
+                if count > counts[least]
+            ),
+            "",
+        )
+
+    @property
     def quantities(self) -> frozenset[Quantity]:
         """What its channels seem to be."""
         return frozenset(channel.quantity for topic in self.topics for channel in topic.channels)
@@ -152,3 +173,10 @@ class ChannelRange:
     def channel(self, name: str, rows: int) -> ChannelSurvey:
         low, high = (self.low, self.high) if self.count else (math.nan, math.nan)
         return ChannelSurvey(name, self.count, rows - self.count, low, high, self.whole)
+
+
+def _first(entry: str | dict[str, Any]) -> str:
+    """The first channel of an entry of a table of channels."""
+    if isinstance(entry, str):
+        return entry
+    return str(entry["channels"][0]) if "channels" in entry else f"{entry['field']}[{entry['joints'][0]}]"

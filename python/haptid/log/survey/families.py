@@ -31,7 +31,7 @@ WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "comma
 # More likely than a command, where both are there.
 MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # What was done to a signal: another one than that without the word.
-_TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
+TREATED_WORDS = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
 _ANGLES = frozenset({"rad", "deg", "turn"})
 # rad or m of a unit of positions.
 SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
@@ -47,7 +47,7 @@ _KIND = (
     frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"}
     | WANTED_WORDS
     | MEASURED_WORDS
-    | _TREATED
+    | TREATED_WORDS
 )
 _SEPARATOR = re.compile(r"([./ _])")
 # A joint's number behind what all joints have in their names.
@@ -274,7 +274,7 @@ def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[s
         plain = not any("/" in c.name or element_of(c.name) for c in channels)
         if plain and all(own - _KIND or (cart and c.unit in _ANGLES) for own, c in zip(words, channels, strict=True)):
             other = frozenset.union(*words, words_of(array)) & (
-                WANTED_WORDS | MEASURED_WORDS | _TREATED | {"motor", "joint", "rotor"}
+                WANTED_WORDS | MEASURED_WORDS | TREATED_WORDS | {"motor", "joint", "rotor"}
             )
             alike.setdefault((other, drive_unit(words_of(array)), channels[0].rows), []).append(channels)
     for members in alike.values():

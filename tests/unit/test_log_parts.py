@@ -1,0 +1,156 @@
+"""Recordings of which each quantity is in a file of its own: which files belong together, and how they are joined."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+import small_study
+from haptid import errors
+from haptid.cli import app
+from haptid.log.file_format import sha256_of
+from haptid.log.survey import survey
+from haptid.log.survey.parts import recordings, sentence
+from haptid.study.draft import draft_study
+from haptid.study.read import read_study
+from motions import multisine
+
+RATE = 250.0
+T = np.arange(0.0, 6.0, 1.0 / RATE)
+Q, QD, _ = multisine(2, 6.0, 1.0 / RATE, 3)
+Q, QD = Q[:, : T.size].T, QD[:, : T.size].T
+TAU = 4.0 * np.cos(Q) + np.sign(QD) + 0.1 * np.random.default_rng(3).standard_normal(Q.shape)
+
+
+def write(folder: Path, name: str, array: np.ndarray, header: str = "") -> Path:
+    """One table, as CSV."""
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(folder / name, array, delimiter=",", header=header, comments="")
+    return folder / name
+
+
+def names(found: Sequence[Path], folder: Path) -> list[str]:
+    return [path.relative_to(folder).as_posix() for path in found]
+
+
+def device(folder: Path) -> haptid.Device:
+    (folder / "device.toml").write_text(small_study.DEVICE)
+    return haptid.read_device(folder / "device.toml")
+
+
+def test_files_of_a_folder_are_one_log(tmp_path: Path) -> None:
+    made = {"q.csv": Q, "qd.csv": QD, "tau.csv": TAU, "time.csv": T}
+    files = [write(tmp_path / "run", name, array) for name, array in made.items()]
+    found = recordings(files)
+    assert found == [tmp_path / "run"]
+    assert (
+        sentence(found) == "q.csv, qd.csv, tau.csv and time.csv are one recording, each quantity in a file of its own"
+    )
+    assert recordings([tmp_path / "run"]) == []  # a log already
+    shown = CliRunner().invoke(app, ["channels", *map(str, files)]).output
+    assert "are one recording" in shown
+    assert 'position = { field = "q", joints = [1, 2], unit = "rad" }' in shown
+
+
+@pytest.mark.parametrize(
+    ("files", "patterns"),
+    [
+        (("run1_q", "run1_tau", "run2_q", "run2_tau"), ["run1_*.csv", "run2_*.csv"]),
+        (("joint_positions_1", "joint_torques_1", "joint_positions_2", "joint_torques_2"), ["*_1.csv", "*_2.csv"]),
+        (("position/a", "position/b", "torque/a", "torque/b"), ["*/a.csv", "*/b.csv"]),
+        (("a/q", "a/tau", "b/q", "b/tau"), ["a", "b"]),
+        (("ex-meas_pos-9", "ex-effort-9", "ex-meas_pos-10", "ex-effort-10"), ["ex-*-9.csv", "ex-*-10.csv"]),
+    ],
+)
+def test_runs_of_several_files_each_are_told_by_their_names(
+    tmp_path: Path, files: Sequence[str], patterns: Sequence[str]
+) -> None:
+    for name in files:
+        write(tmp_path, f"{name}.csv", TAU if "t" in name.replace("position", "").replace("meas", "") else Q)
+    assert names(recordings([tmp_path]), tmp_path) == patterns
+    draft = tomllib.loads(draft_study([tmp_path], device(tmp_path), "device.toml", tmp_path)[0])
+    assert [log["path"] for log in draft["logs"]] == patterns
+    assert draft["logs"][1]["role"] == "validate"
+
+
+def test_files_whose_names_tell_nothing_are_joined_by_what_is_in_them(tmp_path: Path) -> None:
+    files = [
+        write(tmp_path, "log_a.csv", np.c_[T, Q], "t,q1,q2"),
+        write(tmp_path, "log_b.csv", np.c_[T, TAU], "t,tau1,tau2"),
+    ]
+    write(tmp_path, "other.csv", T)
+    assert names(recordings(files), tmp_path) == ["log_*.csv"]
+
+
+def test_logs_with_all_quantities_are_no_parts(tmp_path: Path) -> None:
+    files = [
+        write(tmp_path, f"{name}.csv", np.c_[T, Q, TAU], "t,q1,q2,tau1,tau2")
+        for name in ("slow_position", "fast_torque")
+    ]
+    assert recordings(files) == []
+    assert recordings(files[:1]) == []
+    draft = tomllib.loads(draft_study(files, device(tmp_path), "device.toml", tmp_path)[0])
+    assert [log["path"] for log in draft["logs"]] == ["slow_position.csv", "fast_torque.csv"]
+
+
+def test_files_of_different_length_are_refused_by_how_much(tmp_path: Path) -> None:
+    files = [write(tmp_path, "q.csv", Q), write(tmp_path, "tau.csv", TAU[:-7]), write(tmp_path, "time.csv", T)]
+    said = f"{len(Q)} rows and tau[1] has {len(Q) - 7}, 7 fewer: without times of their own"
+    with pytest.raises(errors.LogFileError) as refused:
+        draft_study(files, device(tmp_path), "device.toml", tmp_path)
+    assert said in str(refused.value)
+    shown = " ".join(CliRunner().invoke(app, ["channels", str(tmp_path)]).output.split())
+    assert said in shown
+    channels = haptid.Channels(
+        haptid.Signal(("q[1]", "q[2]"), "rad"), haptid.Signal(("tau[1]", "tau[2]"), "N m"), time="time"
+    )
+    with pytest.raises(errors.LogDataError, match="7 fewer"):
+        haptid.read_log(tmp_path, channels)
+
+
+def test_files_with_headers_and_other_times_are_joined_by_these(tmp_path: Path) -> None:
+    """Torques at half of the rate, and 1 ms later, were taken row by row where there were as many of them."""
+    late = T[::2] + 1e-3
+    torque = np.column_stack([np.interp(late, T, own) for own in TAU.T])
+    write(tmp_path, "q.csv", np.c_[T, Q], "time,j1,j2")
+    write(tmp_path, "tau.csv", np.c_[late, torque], "stamp,j1,j2")
+    assert sorted({c.name for c in survey(tmp_path).topics[0].channels}) == ["q.j1", "q.j2", "tau.j1", "tau.j2", "time"]
+    table = tomllib.loads(survey(tmp_path).table)["channels"]
+    assert table["time"] == "time"
+    channels = haptid.Channels(
+        haptid.Signal(("q.j1", "q.j2"), "rad"), haptid.Signal(("tau.j1", "tau.j2"), "N m"), time="time"
+    )
+    log = haptid.read_log(tmp_path, channels)
+    kept = (late[0] <= T) & (late[-1] >= T)  # beyond these no torque is known
+    wanted = np.column_stack([np.interp(T[kept], late, own) for own in torque.T])
+    np.testing.assert_allclose(log.position, Q[kept], atol=1e-12)
+    np.testing.assert_allclose(log.torque, wanted, atol=1e-9 * np.abs(TAU).max())
+    write(tmp_path, "tau.csv", np.c_[T, TAU], "stamp,j1,j2")
+    assert "q.time" in {c.name for c in survey(tmp_path).topics[0].channels}  # row by row: times are equal
+
+
+def test_a_study_reads_files_by_a_pattern_and_their_hash_is_of_all(tmp_path: Path) -> None:
+    model = haptid.DynamicModel(device(tmp_path))
+    q, qd, qdd = multisine(2, 6.0, 1.0 / RATE, 3)
+    beta = model.base.of(np.random.default_rng(0).uniform(0.1, 0.3, len(model.device.parameters)))
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+    tau += 0.02 * np.random.default_rng(1).standard_normal(tau.shape)
+    t = np.arange(q.shape[1]) / RATE
+    for name, array in (("q", q.T), ("tau", tau.T), ("time", t)):
+        write(tmp_path, f"run1_{name}.csv", array)
+        write(tmp_path, f"run2_{name}.csv", 2 * array)
+    text = draft_study([tmp_path], device(tmp_path), str(tmp_path / "device.toml"), tmp_path)[0]
+    (tmp_path / "study.toml").write_text(text.split('\n[[logs]]\npath = "run2_')[0])
+    found = haptid.identify(read_study(tmp_path / "study.toml"))
+    np.testing.assert_allclose(found.estimate["ZZ2"].value, beta[model.base.names.index("ZZ2")], rtol=0.02)
+    before = sha256_of(tmp_path / "run1_*.csv")
+    write(tmp_path, "run1_tau.csv", tau.T + 1.0)
+    assert sha256_of(tmp_path / "run1_*.csv") != before
+    with pytest.raises(errors.LogFileError, match="no such file"):
+        haptid.read_log(tmp_path / "run9_*.csv")
