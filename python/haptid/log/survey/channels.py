@@ -124,7 +124,9 @@ class Survey:
 
         Of a folder of tables, whose files without times belong together row by row.
         """
-        named = tomllib.loads(self.table).get("channels", {}) if self.table else {}
+        if not self.table or any(topic.name for topic in self.topics):
+            return ""  # messages have stamps
+        named = tomllib.loads(self.table).get("channels", {})
         rows = {channel.name: channel.rows for topic in self.topics if not topic.name for channel in topic.channels}
         chosen = {key: _first(named[key]) for key in ("position", "torque", "velocity", "time") if key in named}
         counts = {key: rows[name] for key, name in chosen.items() if name in rows}

@@ -268,6 +268,12 @@ def _instead(others: Sequence[ChannelFamily], chosen: ChannelFamily) -> list[str
 
 
 def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Format) -> str:
+    times = [channel for channel in position.topic.channels if channel.quantity == "time"]
+    if kind is MESSAGES and times:
+        name = basic_string(f"{position.topic.name}.{times[0].name}")
+        return f"time = {name}\ntime_unit = {basic_string(times[0].unit)}  # samples of one message, with one stamp"
+    if kind is MESSAGES and position.topic.count > 1 and not position.topic.rate_hz:
+        return "# rate_hz = ...  # all samples have one stamp: write the rate at which the log was sampled"
     if kind is MESSAGES:
         headers = all(f.topic.header for f in (position, torque) if f is not None)
         stamp = "header" if headers else "receive"
@@ -275,7 +281,6 @@ def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Form
         return f"time = {{ topic = {basic_string(position.topic.name)}, stamp = {basic_string(stamp)} }}{why}"
     if kind is LEROBOT:
         return f'time = "time"  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes'
-    times = [channel for channel in position.topic.channels if channel.quantity == "time"]
     if not times:
         if own := position.topic.by_rates_hz:
             return (

@@ -22,7 +22,7 @@ from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unread
 from haptid.log.formats.sniff import RawChannel, opened_file
 from haptid.log.survey.channels import LOOKED_AT, ChannelRange, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
-from haptid.log.survey.guesses import commanded, guessed
+from haptid.log.survey.guesses import commanded, guessed, timed
 from haptid.log.survey.names import element_of, words_of
 from haptid.log.survey.recognised import recognised
 from haptid.log.survey.table import surveyed_table
@@ -67,6 +67,7 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
     rows: dict[str, TopicRows] = {}
     stamps: dict[str, list[NDArray[np.int64]]] = {}
     late: dict[str, list[NDArray[np.int64]]] = {}
+    times: dict[str, dict[str, list[RawChannel]]] = {}
     with opened_file(path, "message"):
         opened = containers(path)
         for topic, batch, receive in batches(opened, None):
@@ -77,6 +78,8 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
             for name, values in batch.values.items():
                 if name in found or len(found) < LOOKED_AT:
                     found.setdefault(name, ChannelRange()).add(values[batch.present[name]])
+                if "time" in words_of(name) and name not in batch.stamps and batch.present[name].all():
+                    times.setdefault(topic.name, {}).setdefault(name, []).append(values)
             header = own.header()
             if header is not None and header in batch.values:
                 there = batch.present[header] & (batch.values[header] != 0)  # 0 is a stamp that was never set
@@ -93,8 +96,25 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
         _topic(topic, count, rows.get(name), ranges.get(name, {}), stamps.get(name, []), late.get(name, []))
         for name, (topic, count) in sorted(counted.items())
     ]
+    topics = [_with_times_of_samples(topic, times.get(topic.name, {}), stamps.get(topic.name, [])) for topic in topics]
     known = any(channel.quantity == "position" for topic in topics for channel in topic.channels)
     return topics if known else _by_movement(path, topics)
+
+
+def _with_times_of_samples(
+    topic: TopicSurvey, times: dict[str, list[RawChannel]], stamps: Sequence[NDArray[np.int64]]
+) -> TopicSurvey:
+    """A topic with the times of its samples, as `time_from_start` of one message's points, which share its stamp."""
+    if topic.count < 2 or (np.diff(np.concatenate(stamps)) > 0).any():
+        return topic
+    for channel in topic.channels:
+        column = np.concatenate(times.get(channel.name, [np.empty(0)]))
+        if column.size == topic.count and (np.diff(column) > 0).all():
+            known = "ns" if column.dtype.kind == "i" else ""
+            made, rate = timed(replace(channel, quantity="time"), column, known)
+            channels = tuple(made if one is channel else one for one in topic.channels)
+            return replace(topic, channels=channels, rate_hz=rate)
+    return topic
 
 
 def _by_movement(path: Path, topics: Sequence[TopicSurvey]) -> list[TopicSurvey]:

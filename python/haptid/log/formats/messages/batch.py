@@ -25,6 +25,8 @@ from haptid.log.formats.sniff import MOST_CHANNELS
 MOST_LEAVES, MOST_ELEMENTS = 4096, 4096
 # Elements from which on an array holds samples and not joints.
 _LEAST_SAMPLES = 64
+# Names of the joints of a `trajectory_msgs/JointTrajectory`.
+_JOINTS = "joint_names"
 # Wanted of a topic: its stamps, whatever their name.
 HEADER = "@header"
 
@@ -143,8 +145,10 @@ def flatten(tree: Mapping[str, Any], sampled: set[str] | None = None) -> Iterato
         yield leaf
 
 
-def _flatten(name: str, value: Any, sampled: set[str]) -> Iterator[tuple[str, Any]]:
+def _flatten(name: str, value: Any, sampled: set[str], joints: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
+    """The same of a part of a message, where the arrays of a trajectory's points are those of joints named above."""
     if isinstance(value, Mapping):
+        joints = value[_JOINTS] if _texts(value.get(_JOINTS)) else joints
         labels = {len(v): v for v in reversed([*value.values()]) if _texts(v)}
         equal = Counter(len(v) for v in value.values() if _is_long(v) and len(v) not in labels)
         for key, inner in value.items():
@@ -153,11 +157,12 @@ def _flatten(name: str, value: Any, sampled: set[str]) -> Iterator[tuple[str, An
                 long = _is_long(inner) and (equal[len(inner)] > 1 or isinstance(inner[0], Mapping))
                 if long or (path in sampled and len(inner)):
                     sampled.add(path)
-                    yield from _samples(path, inner)
+                    yield from _samples(path, inner, joints)
                 else:
-                    yield from _elements(path, inner, labels.get(len(inner)), sampled)
+                    named = labels.get(len(inner)) or (joints if len(inner) == len(joints) else None)
+                    yield from _elements(path, inner, named, sampled, joints)
             else:
-                yield from _flatten(path, inner, sampled)
+                yield from _flatten(path, inner, sampled, joints)
     elif isinstance(value, tuple | int | float):
         yield name, value
 
@@ -175,19 +180,19 @@ def _is_long(value: Any) -> bool:
     return not isinstance(value[0], str | list) and not (isinstance(value[0], Mapping) and "name" in value[0])
 
 
-def _samples(path: str, array: Any) -> Iterator[tuple[str, Samples]]:
+def _samples(path: str, array: Any, joints: Sequence[str]) -> Iterator[tuple[str, Samples]]:
     """Samples of an array of numbers, or of each number in an array of structs of one form."""
     if not isinstance(array[0], Mapping):
         yield path, Samples(array)
         return
-    each = [dict(_flatten("", element, set())) for element in array]
+    each = [dict(_flatten("", element, set(), joints)) for element in array]
     for name in each[0]:
         if all(name in one and not isinstance(one[name], Samples | Numbers) for one in each):
             yield f"{path}.{name}", Samples([one[name] for one in each])
 
 
 def _elements(
-    path: str, array: list[Any] | Numbers, labels: list[str] | None, sampled: set[str]
+    path: str, array: list[Any] | Numbers, labels: Sequence[str] | None, sampled: set[str], joints: Sequence[str]
 ) -> Iterator[tuple[str, Any]]:
     if len(array) == 0:
         yield path, array if isinstance(array, Numbers) else Numbers(0, 0, 0, "")
@@ -198,4 +203,4 @@ def _elements(
         if labels is not None and len(set(labels)) < len(labels):
             labels = None  # a joint named twice: which is meant is not known
         for k in range(len(array)):
-            yield from _flatten(f"{path}[{labels[k] if labels else k + 1}]", array[k], sampled)
+            yield from _flatten(f"{path}[{labels[k] if labels else k + 1}]", array[k], sampled, joints)

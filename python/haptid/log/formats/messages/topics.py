@@ -126,6 +126,8 @@ def samples_in_messages(opened: Iterable[Container], rows: Mapping[str, int]) ->
     return [
         f"{messages[name]} messages of {name} hold {count} samples: these are taken as evenly spaced from message to "
         "message; a channel of times among them can be given as `time`"
+        if messages[name] > 1
+        else f"one message of {name} holds {count} samples, all with its stamp"
         for name, count in rows.items()
         if count > messages[name] > 0
     ]
@@ -154,7 +156,8 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
         refuse_unreadable(opened)
     for container in opened:
         request.notes.extend(container.notes)
-    request.notes.extend(samples_in_messages(opened, {name: own.count for name, own in rows.items()}))
+    if wanted[0].endswith((HEADER, RECEIVE)):
+        request.notes.extend(samples_in_messages(opened, {name: own.count for name, own in rows.items()}))
     streams = [
         s for topic, named in asked.items() if topic in rows for s in _streams(path, rows[topic], named, request)
     ]
@@ -394,7 +397,8 @@ def _merged(path: Path, streams: list[Stream], wanted: Sequence[str], request: R
 
 
 def _all_headers(streams: list[Stream]) -> bool:
-    return all(stream.header is not None for stream in streams)
+    """Whether all have stamps of their own, that were set."""
+    return all(stream.header is not None and bool(stream.header.any()) for stream in streams)
 
 
 def _check_headers(path: Path, streams: list[Stream], first: str) -> None:
