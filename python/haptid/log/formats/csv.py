@@ -7,7 +7,6 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import date
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -18,7 +17,8 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
-from haptid.log.formats.dialect import DATE, KIND, MISSING, Dialect, cells_of, dialect_of
+from haptid.log.formats.dates import DATE, nanoseconds
+from haptid.log.formats.dialect import KIND, MISSING, Dialect, cells_of, dialect_of
 from haptid.log.formats.encoding import opened_text, opened_utf8, text_of
 from haptid.log.formats.headers import NUMBER
 from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, Without, blocks
@@ -152,25 +152,13 @@ class _Clock:
         for k, cell in enumerate(cells):
             if cell is None or cell in MISSING:
                 continue
-            now = _nanoseconds(cell.strip())
+            now = nanoseconds(cell.strip())
             while now < self.last - _DAY // 2 and now < _DAY * 10_000:  # no date
                 now += _DAY
             self.first = now if self.first is None else self.first
             self.last = now
             made[k] = (now - self.first) * 1e-9
         return made
-
-
-def _nanoseconds(cell: str) -> int:
-    """Of a date and time since the year 1, or of a time of day since midnight."""
-    found = DATE.fullmatch(cell)
-    if found is None:
-        raise ValueError(f"{cell} is no date and time")
-    days = date(*(int(n) for n in re.split("[-/]", found["date"]))).toordinal() if found["date"] else 0
-    zone = found["zone"] or "Z"
-    offset = 0 if zone == "Z" else int(zone[0] + "1") * (int(zone[1:3]) * 60 + int(zone[-2:]))
-    minutes = (days * 24 + int(found["hours"])) * 60 + int(found["minutes"]) - offset
-    return (minutes * 60 + int(found["seconds"])) * 10**9 + int((found["part"] or "0").ljust(9, "0"))
 
 
 def _end(path: Path, dialect: Dialect) -> tuple[int, int]:

@@ -12,8 +12,9 @@ from pathlib import Path
 
 from haptid._internal.numerals import whole_number
 from haptid.log.formats import headers
+from haptid.log.formats.dates import DATE
 from haptid.log.formats.encoding import encoding_of, opened_utf8
-from haptid.log.formats.headers import fitting_header, is_number, labview_header, numbered, two_levels
+from haptid.log.formats.headers import across, fitting_header, is_number, labview_header, numbered, two_levels
 from haptid.log.formats.sniff import empty, require
 from haptid.log.units import known_unit
 
@@ -25,12 +26,6 @@ SNIFFED = 200
 _ROWS_TOGETHER = 3
 HEAD_BYTES = 2**20
 COMMENT = re.compile(r"\s*[#%]")
-# ISO 8601, and a time of day alone.
-DATE = re.compile(
-    r"(?:(?P<date>\d{4}[-/]\d\d[-/]\d\d)[T ])?(?P<hours>\d\d?):(?P<minutes>[0-5]\d):(?P<seconds>[0-5]\d)"
-    r"(?:[.,](?P<part>\d{1,9})\d*)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?",
-    re.ASCII,
-)
 _UNIT = re.compile(r"[\[(](?P<unit>[^\[\]()\d][^\[\]()]*)[\])]\s*$")
 # Cells without a number, as pyarrow takes them.
 MISSING = frozenset({"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN"}) | {
@@ -112,6 +107,8 @@ def _found(path: Path, _changed: int, _size: int) -> Dialect:
             stated.append(f"the line above the samples has {len(rows[head])} cells where they have {width}: not used")
     else:
         header, start = fitting, filled[first - 1] + 1
+        if spanned := across(header, rows[first:]):
+            header = spanned
         if head > 0 and (joined := two_levels(rows[head - 1], header)):
             header, head = joined, head - 1
             stated.append("the header has two lines: names are those of both, such as " + header[-1])

@@ -61,6 +61,24 @@ def labview_header(texts: list[str]) -> tuple[int, list[str]]:
     return ends[-1] + 1, [time, *units]
 
 
+def across(header: list[str], rows: list[list[str]]) -> list[str] | None:
+    """A header whose names span several columns each, as merged cells; None of others.
+
+    All unnamed columns have numbers, and those with a name before them are several groups of one width.
+    """
+    wide: list[int] = []
+    for k, cell in enumerate(header):
+        if not cell and not (
+            wide and all(len(row) > k and is_number(row[k].replace(",", "."), ".") for row in rows[:8])
+        ):
+            return None
+        wide = [*wide, 1] if cell else [*wide[:-1], wide[-1] + 1]
+    widths = [width for width in wide if width > 1]
+    if len(widths) < 2 or len(set(widths)) > 1:
+        return None
+    return [name for name, width in zip(filter(None, header), wide, strict=True) for _ in range(width)]
+
+
 def two_levels(upper: list[str], lower: list[str]) -> list[str] | None:
     """Names of a header of two lines, as of tables of groups; None where the lower line alone tells the columns apart.
 

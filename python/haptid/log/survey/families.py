@@ -192,7 +192,8 @@ def channel_families(
                     array += " desired"
                 arrays.setdefault(array, []).append(channel)
         groups, place = _joined(arrays), {channel.name: k for k, channel in enumerate(topic.channels)}
-        for array, channels in (*groups.items(), *_of_unlike_names(groups)):
+        mixed = _by_numbers(arrays) if quantity == "torque" else ()
+        for array, channels in (*groups.items(), *_of_unlike_names(groups), *mixed):
             kept = sorted((c for c in channels if not _is_copy(c, channels)), key=lambda c: place[c.name])
             found.append(ChannelFamily(topic, array, tuple(kept)))
         found += _across(topic, arrays) if joints else []
@@ -287,6 +288,22 @@ def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[s
         if len(members) > 1 and len(stated) < 2 and sum(map(len, names)) == len(frozenset.union(*names)):
             channels = [channel for own in members for channel in own]
             yield " ".join(channel.name for channel in channels), channels
+
+
+def _by_numbers(arrays: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[str, list[ChannelSurvey]]]:
+    """One group of all torques, where each joint has one of another kind: `torque1`, `current2` and `torque3`."""
+    own = [
+        channels
+        for array, channels in arrays.items()
+        if not words_of(array) & WANTED_WORDS and not any("/" in c.name or element_of(c.name) for c in channels)
+    ]
+    every = [channel for channels in own for channel in channels]
+    numbers = [re.findall(r"\d+", unit_apart(channel.name)[0]) for channel in every]
+    if len(own) < 2 or any(len(one) != 1 for one in numbers):
+        return
+    values = sorted(int(number) for (number,) in numbers)
+    if values == list(range(values[0], values[0] + len(values))) and len({channel.rows for channel in every}) == 1:
+        yield " ".join(channel.name for channel in every), every
 
 
 def _pattern(name: str) -> str:

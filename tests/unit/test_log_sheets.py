@@ -1,0 +1,91 @@
+"""Tables as sheets and loggers export them: merged cells, dates of several countries, a quantity for each joint."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid.log.file_format import format_of
+from haptid.log.formats.dates import nanoseconds
+from haptid.log.request import Request
+from haptid.log.survey import survey
+
+T = 0.002 * np.arange(2000)
+Q = np.column_stack([np.sin(w * T) for w in (1.1, 2.3, 3.7)])
+TAU = np.column_stack([np.cos(w * T) for w in (1.7, 2.1, 3.1)])
+START = datetime(2026, 2, 28, 23, 59, 58)
+
+
+def written(folder: Path, head: str, times: list[str] | None = None, separator: str = ",") -> Path:
+    """A table with these lines above it."""
+    cells = [[f"{value:.6f}" for value in row] for row in np.column_stack((Q, TAU))]
+    stamps = times or [f"{t:.3f}" for t in T]
+    lines = [separator.join((stamp, *row)) for stamp, row in zip(stamps, cells, strict=True)]
+    (folder / "run.csv").write_text("\n".join((head, *lines)) + "\n")
+    return folder / "run.csv"
+
+
+def test_names_over_several_columns_are_of_all_of_them(tmp_path: Path) -> None:
+    """Cells that a sheet merged have their name in the first column: the first joint was left out of the draft."""
+    path = written(tmp_path, "Time,Position,,,Torque,,\ns,deg,deg,deg,Nmm,Nmm,Nmm")
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert channels["position"] == {"channels": [f"Position ({k})" for k in (1, 2, 3)], "unit": "deg"}
+    assert channels["torque"] == {"channels": [f"Torque ({k})" for k in (1, 2, 3)], "unit": "mN m"}
+
+
+def test_a_column_without_a_name_belongs_to_no_other(tmp_path: Path) -> None:
+    path = written(tmp_path, "t,q1,q2,q3,tau1,,tau3")
+    assert format_of(path).names(path) == ["t", "q1", "q2", "q3", "tau1", "column 6", "tau3"]
+
+
+@pytest.mark.parametrize(
+    ("form", "separator"),
+    [
+        (lambda now: now.strftime("%d.%m.%Y %H:%M:%S,%f"), ";"),
+        (lambda now: now.strftime("%d/%m/%Y %H:%M:%S.%f"), ","),
+        (lambda now: now.strftime("%m/%d/%Y %I:%M:%S.%f %p"), ","),
+        (lambda now: now.strftime("%Y-%m-%d %H:%M:%S.%f"), ","),
+        (lambda now: now.isoformat(timespec="microseconds") + "Z", ","),
+        (lambda now: now.strftime("%H:%M:%S.%f"), ","),
+        (lambda now: f"{(now - START).seconds // 60}:{(now - START).seconds % 60:02d}.{now.microsecond:06d}", ","),
+    ],
+)
+def test_times_as_loggers_write_them(tmp_path: Path, form: Callable[[datetime], str], separator: str) -> None:
+    """Across midnight at the end of February."""
+    times = [form(START + timedelta(microseconds=2000 * k)) for k in range(T.size)]
+    head = separator.join(("time", "q1", "q2", "q3", "tau1", "tau2", "tau3"))
+    path = written(tmp_path, head, times, separator)
+    read = format_of(path).columns(path, ["time", "q3"], Request())
+    np.testing.assert_allclose(read["time"], T, atol=1e-9)
+    np.testing.assert_allclose(read["q3"], Q[:, 2], atol=1e-6)
+    assert survey(path).topics[0].rate_hz == pytest.approx(500.0)
+
+
+def test_days_with_slashes_are_told_by_what_fits() -> None:
+    day = 86400 * 10**9
+    assert nanoseconds("02/01/2026 00:00:00") - nanoseconds("01/01/2026 00:00:00") == day
+    assert nanoseconds("2/1/2026 12:00:00 AM") - nanoseconds("1/1/2026 12:00:00 AM") == 31 * day
+    assert nanoseconds("1/13/2026 00:00:00") == nanoseconds("13/1/2026 00:00:00")
+    assert nanoseconds("1/1/2026 12:30:00 PM") - nanoseconds("1/1/2026 12:30:00 AM") == day // 2
+    with pytest.raises(ValueError, match="no date"):
+        nanoseconds("12:30")
+
+
+def test_torques_of_each_joint_in_a_quantity_of_its_own(tmp_path: Path) -> None:
+    """A motor without a sensor logs its current: the draft had the torques of two joints of three."""
+    path = written(tmp_path, "t,q1,q2,q3,torque1 [Nmm],current2 [mA],F3 (N)")
+    channels = tomllib.loads(survey(path, [("1",), ("2",), ("3",)]).table)["channels"]
+    assert channels["torque"] == {
+        "channels": ["torque1 [Nmm]", "current2 [mA]", "F3 (N)"], "unit": ["mN m", "mA", "N"]
+    }  # fmt: skip
+
+
+def test_a_current_beside_each_torque_is_of_the_same_joint(tmp_path: Path) -> None:
+    path = written(tmp_path, "t,q1,q2,torque1 [Nm],torque2 [Nm],current1 [A],current2 [A]")
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert channels["torque"]["channels"] == ["torque1 [Nm]", "torque2 [Nm]"]
