@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import haptid
+import small_study
 from haptid.log.file_format import format_of
 from haptid.log.formats.dates import nanoseconds
 from haptid.log.request import Request
 from haptid.log.survey import survey
+from haptid.study.draft import draft_study
 
 T = 0.002 * np.arange(2000)
 Q = np.column_stack([np.sin(w * T) for w in (1.1, 2.3, 3.7)])
@@ -89,3 +92,23 @@ def test_a_current_beside_each_torque_is_of_the_same_joint(tmp_path: Path) -> No
     path = written(tmp_path, "t,q1,q2,torque1 [Nm],torque2 [Nm],current1 [A],current2 [A]")
     channels = tomllib.loads(survey(path).table)["channels"]
     assert channels["torque"]["channels"] == ["torque1 [Nm]", "torque2 [Nm]"]
+
+
+def test_positions_of_motors_that_turn_far_are_before_their_gears(tmp_path: Path) -> None:
+    """Taken as the joints', they gave inertias a ten thousandth of the true ones, without a word."""
+    (tmp_path / "device.toml").write_text(small_study.DEVICE)
+    columns = np.column_stack((T, 100 * np.rad2deg(Q[:, :2]), TAU[:, :2] / 100))
+    head = "t,motor_pos1,motor_pos2,motor_torque1,motor_torque2"
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header=head, comments="")
+    device = haptid.read_device(tmp_path / "device.toml")
+    text, found = draft_study([tmp_path / "run.csv"], device, str(tmp_path / "device.toml"), tmp_path)
+    channels = tomllib.loads(text)["channels"]
+    assert channels["position"]["side"] == channels["torque"]["side"] == "motor"
+    assert any("no gear ratio above 1: write `gear_ratio`" in note for note in found.notes)
+    geared = '[[motors]]\nname = "1"\ngear_ratio = 100\n[[motors]]\nname = "2"\ngear_ratio = 100\n'
+    (tmp_path / "device.toml").write_text(small_study.DEVICE + geared)
+    device = haptid.read_device(tmp_path / "device.toml")
+    _, found = draft_study([tmp_path / "run.csv"], device, str(tmp_path / "device.toml"), tmp_path)
+    assert not any("gear ratio" in note for note in found.notes)
+    np.savetxt(tmp_path / "run.csv", columns / (1, 100, 100, 1, 1), delimiter=",", header=head, comments="")
+    assert "side" not in tomllib.loads(survey(tmp_path / "run.csv").table)["channels"]["position"]

@@ -85,6 +85,7 @@ class Format:
         return found
 
 
+FOLDER_OF_TABLES = "folder of tables"
 FORMATS = (
     Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log", ".lvm"), "csv", asks=True),
     Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
@@ -98,7 +99,7 @@ FORMATS = (
     Format("text with a channel in each row", (), "transposed"),
     Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
     Format("trace of TwinCAT or CODESYS", (".trace", ".xml"), "controller_trace", asks=True),
-    Format("folder of tables", (), "table_folder", asks=True),
+    Format(FOLDER_OF_TABLES, (), "table_folder", asks=True),
     Format("text of a controller's variables", (), "assignments"),
     Format("text with labels", (".yaml", ".yml"), "labelled", asks=True),
     Format("text with lists, or a row for each joint", (), "rearranged", asks=True),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from haptid._internal.toml_text import basic_string
 from haptid.device import Device
 from haptid.errors import HaptidError, LogFileError
-from haptid.log.file_format import format_of, logs_in
+from haptid.log.file_format import FOLDER_OF_TABLES, format_of, logs_in
 from haptid.log.formats.folders import log_files, table_files
 from haptid.log.survey import Survey, survey
 from haptid.log.survey.draft import unrecognised
@@ -54,7 +55,7 @@ def draft_study(
     surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
     if apart:
         surveyed = replace(surveyed, notes=(sentence(apart), *surveyed.notes))
-    if surveyed.unequal:
+    if surveyed.unequal and surveyed.format == FOLDER_OF_TABLES:
         raise LogFileError(
             f"{surveyed.path}: {surveyed.unequal}.", where=surveyed.path, advice="Cut them to the rows that they share."
         )
@@ -68,7 +69,9 @@ def draft_study(
         said = [f"{held} {len(logs)} runs: {roles}; channels are of {Path(logs[0]).name}"]
         said += [f"{Path(logs[k]).name}: {text}" for k, text in odd.items()]
         surveyed = replace(surveyed, notes=(*said, *surveyed.notes))
-    surveyed = replace(surveyed, notes=(*surveyed.notes, *_elsewhere(surveyed, logs[1:])))
+    surveyed = replace(
+        surveyed, notes=(*surveyed.notes, *_without_gears(surveyed, device), *_elsewhere(surveyed, logs[1:]))
+    )
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:
         device_path = _relative(path, folder)
@@ -92,7 +95,7 @@ def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
         return logs
     if not log_files(folder):
         return logs_in(folder) or logs
-    tables = table_files(folder) if format_of(folder).name == "folder of tables" else []
+    tables = table_files(folder) if format_of(folder).name == FOLDER_OF_TABLES else []
     try:
         columns = {tuple(format_of(file).names(file)) for file in tables}
         first = survey(tables[0]) if len(columns) == 1 else None
@@ -145,6 +148,16 @@ def _sizes(surveyed: Survey, key: str) -> dict[str, float]:
     """Largest absolute value of each channel of a quantity that moves, by its name."""
     channels = (c for topic in surveyed.topics for c in topic.channels if c.quantity == key and c.usable)
     return {c.name: max(abs(c.low), abs(c.high)) for c in channels}
+
+
+def _without_gears(surveyed: Survey, device: Device) -> Iterator[str]:
+    """A sentence on positions of motors, where the device file has no gears."""
+    position = tomllib.loads(surveyed.table)["channels"]["position"] if surveyed.table else {}
+    if position.get("side") == "motor" and all(abs(motor.gear_ratio) <= 1 for motor in device.motors):
+        yield (
+            "positions are taken as those of the motors' shafts, by name and by how far they turn, and the device file "
+            "has no gear ratio above 1: write `gear_ratio` of each of its [[motors]], or remove `side`"
+        )
 
 
 def _elsewhere(surveyed: Survey, others: Sequence[str | Path]) -> Iterator[str]:

@@ -37,6 +37,26 @@ def names(path: Path) -> list[str]:
         return [own for name, dataset in _datasets(file).items() for own in _channels(name, dataset)]
 
 
+def units(path: Path) -> dict[str, str]:
+    """Units that attributes of datasets state."""
+    with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
+        every = _datasets(file).items()
+        return {own: unit for name, data in every if (unit := _unit(data)) for own in _channels(name, data)}
+
+
+def _unit(dataset: Any) -> str:
+    """The text of an attribute that is called a unit; empty where there is none."""
+    for name in ("unit", "units", "Unit", "Units", "UNIT"):
+        stated = dataset.attrs.get(name) if name in dataset.attrs else None
+        if isinstance(stated, np.ndarray) and stated.size == 1:
+            stated = stated.item()
+        if isinstance(stated, bytes):
+            stated = stated.decode(errors="replace")
+        if isinstance(stated, str):
+            return stated.strip()
+    return ""
+
+
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted channels that exist in the file, each (n,), read one after the other.
 
@@ -115,7 +135,7 @@ def _datasets(file: h5py.File, numbered: bool = False) -> dict[str, Any]:
         elif isinstance(item, h5py.Dataset):
             cells = referenced(item) if depth < _DEEPEST else []
             if not cells:
-                found.setdefault(name, item)
+                found.update({own: found.get(own, part) for own, part in _fields(name, item).items()})
             for k, cell in enumerate(cells, 1):
                 count()
                 own = element_name(name, k, cells, item)
@@ -125,6 +145,34 @@ def _datasets(file: h5py.File, numbered: bool = False) -> dict[str, Any]:
 
     file.visititems(visit)
     return found
+
+
+class _Field:
+    """A field of a dataset of records, as a dataset of its own.
+
+    Attributes:
+        shape: of the records, then of the field.
+    """
+
+    def __init__(self, records: Any, name: str) -> None:
+        inner = records.dtype[name]
+        self.records, self.name = records, name
+        self.dtype, self.shape = inner.base, (*records.shape, *inner.shape)
+        self.size = int(np.prod(self.shape))
+        self.attrs, self.external, self.is_virtual = records.attrs, records.external, records.is_virtual
+
+    def __getitem__(self, at: Address) -> Any:
+        depth = len(self.records.shape)
+        found, inner = self.records.fields(self.name)[at[:depth]], at[depth:]
+        return found[(..., *inner)] if inner else found
+
+
+def _fields(name: str, dataset: Any) -> dict[str, Any]:
+    """A dataset, or the fields of one of records by their full names; complex numbers of MATLAB are no records."""
+    fields = dataset.dtype.names
+    if not fields or dataset.shape is None or set(fields) <= {"real", "imag"} or matlab_class(dataset):
+        return {name: dataset}
+    return {f"{name}.{field}": _Field(dataset, field) for field in fields}
 
 
 def _numbers(dataset: Any) -> bool:

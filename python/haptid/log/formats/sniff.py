@@ -406,3 +406,8 @@ def _not_guessed(path: Path, what: str, names: Sequence[str]) -> LogChannelError
         "u1). Name the channels with haptid.Channels, or in `[channels]` of a study file (`haptid channels` prints the "
         f"table). Channels of this file: {channel_list(names)}.",
     )
+
+
+def group_of(name: str) -> str:
+    """The group of a channel, `drive` of `drive.current[1]`; empty where it is in none."""
+    return name.partition("[")[0].rpartition(".")[0]

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from haptid.log.formats.sniff import RawChannel
+from haptid.log.formats.sniff import RawChannel, group_of
 from haptid.log.registers import Register
 
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
@@ -129,17 +129,22 @@ class Survey:
         named = tomllib.loads(self.table).get("channels", {})
         rows = {channel.name: channel.rows for topic in self.topics if not topic.name for channel in topic.channels}
         chosen = {key: _first(named[key]) for key in ("position", "torque", "velocity", "time") if key in named}
-        counts = {key: rows[name] for key, name in chosen.items() if name in rows}
-        least = min(counts, key=counts.__getitem__, default="")
-        return next(
-            (
-                f"{chosen[key]} has {count} rows and {chosen[least]} has {counts[least]}, "
-                f"{count - counts[least]} fewer: without times of their own, which rows belong together is not known"
-                for key, count in counts.items()
-                if count > counts[least]
-            ),
-            "",
-        )
+        timed = {
+            (group_of(channel.name), channel.rows)
+            for topic in self.topics
+            for channel in topic.channels
+            if channel.quantity == "time" or channel.name.endswith("@time")
+        }
+        apart = {name for name in rows if (group_of(name), rows[name]) in timed and group_of(name)}  # merged by these
+        first = chosen.get("position", "")
+        for name in chosen.values():
+            if first in rows and rows.get(name, rows[first]) != rows[first] and name not in apart:
+                more, less = sorted((first, name), key=rows.__getitem__, reverse=True)
+                return (
+                    f"{more} has {rows[more]} rows and {less} has {rows[less]}, {rows[more] - rows[less]} fewer: "
+                    "without times of their own, which rows belong together is not known"
+                )
+        return ""
 
     @property
     def quantities(self) -> frozenset[Quantity]:

@@ -38,6 +38,8 @@ _NO_TORQUE = "# torque = ...  # no channel of torques, currents or commands was 
 _FEWEST = 2
 # Joints that are named in a comment; points, and channels of no known quantity.
 _NAMED, _POINTS, _LISTED = 8, 3, 24
+# Turns beyond which a position that is called a motor's is one before its gear.
+_MOTOR_TURNS = 2.0
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
 _FEW = 0.2
 
@@ -81,12 +83,13 @@ def channels_table(
         position = replace(position, channels=tuple(map(_of_joint, position.channels, straight)))
         if torque is not None and len(torque.channels) == len(straight):
             torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
-    lines.append(_signal_line("position", position) + _unlike(position, joints))
+    before_gears = _before_gears(position)
+    lines.append(_signal_line("position", position, before_gears) + _unlike(position, joints))
     lines += [] if joints else _other_positions(positions, position)
     if torque is None:
         lines += _left(topics, position) or [f"{_NO_TORQUE}; {WITHOUT_TORQUE}"]
     else:
-        lines.append(_signal_line("torque", torque) + _other_order(position, torque))
+        lines.append(_signal_line("torque", torque, before_gears and torque.of_motors) + _other_order(position, torque))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
     lines += _velocity_line(rates, position)
@@ -316,7 +319,13 @@ def _where(family: ChannelFamily) -> str:
     return where
 
 
-def _signal_line(key: str, family: ChannelFamily) -> str:
+def _before_gears(position: ChannelFamily) -> bool:
+    """Whether positions are called those of motors, and some of them turn further than joints do."""
+    ends = [SI.get(c.unit, 0.0) * max(abs(c.low), abs(c.high)) for c in position.channels if c.usable]
+    return position.of_motors and max(ends, default=0.0) > _MOTOR_TURNS * 2 * math.pi
+
+
+def _signal_line(key: str, family: ChannelFamily, before_gears: bool = False) -> str:
     family = replace(family, channels=_of_stated_units(family.channels))
     units = dict.fromkeys(channel.unit for channel in family.channels)
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
@@ -341,7 +350,9 @@ def _signal_line(key: str, family: ChannelFamily) -> str:
     )
     words = words_of(family.array)
     commanded = key == "torque" and (unit not in _MECHANICAL or (bool(words) and words <= COMMAND_WORDS))
-    side = ', side = "motor"' if commanded else ""
+    side = ', side = "motor"' if commanded or before_gears else ""
+    if before_gears and key == "position":
+        reason += "; called the motors', which turn so far before their gears: the ratios are in the device file"
     if key == "torque" and len(family.channels) - len(still) > 1 and all(c.low >= 0 for c in family.channels):
         reason += "; never negative: is it a magnitude without a sign?"
     register = next((c.register for c in family.channels if c.register), Register())
