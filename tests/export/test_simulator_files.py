@@ -4,6 +4,7 @@ import re
 import tempfile
 import tomllib
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -67,6 +68,26 @@ def test_mjcf_has_the_dynamics_of_the_model(tmp_path, name):
     wanted = haptid.inverse_dynamics(model, beta, qa, qda, qdda)
     found = tree_torques(built, model, *model.tree(qa, qda, qdda))
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
+
+
+def test_rotors_that_others_do_not_read_from_urdf_are_said(tmp_path):
+    """Each joint's armature stands in the heading, to be set in a simulator that has none from this file."""
+    model = haptid.DynamicModel(haptid.read_device("rx90"))
+    beta = model.base.of(true_parameters(model, FC=0.0))
+    export = export_urdf((model, beta), tmp_path)
+    text = (export.folder / export.files[0]).read_text()
+    said = re.search(r"set the armature of each joint there, kg m\^2 or kg\s+\(([^)]*)\)", " ".join(text.split()))
+    assert said is not None
+    named = dict(part.split() for part in said[1].split(", "))
+    written = {
+        transmission.find("joint").attrib["name"]: float(value.attrib["value"])
+        for transmission in ElementTree.fromstring(text).iter("transmission")
+        if (value := transmission.find("actuator/{http://drake.mit.edu}rotor_inertia")) is not None
+    }
+    assert written
+    assert named.keys() == written.keys()
+    np.testing.assert_allclose([float(named[name]) for name in written], list(written.values()), rtol=1e-5)
+    assert not loaded(export).dof_armature.any()
 
 
 @settings(max_examples=10, deadline=None)

@@ -110,7 +110,10 @@ def test_loops_said_in_another_way_are_the_same(tmp_path: Path, other: str) -> N
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (_frame("closing_tip_1", "l2") + _frame("closing_tip_2", "r2", 0.2), "0.05 m apart with all joints at zero"),
+        (
+            _frame("closing_tip_1", "l2") + _frame("closing_tip_2", "r2", 0.9),
+            "0.65 m apart with all joints at zero, and meet at no",
+        ),
         (_frame("closedloop_A", "l2") + _frame("closedloop_B", "r2"), "loops at closedloop_A, closedloop_B"),
         (_PIN.format(_AXIS).replace("revolute", "screw"), "joint pin in <gazebo>"),
         (_PIN.format(_AXIS).replace("<child>r2", "<child>r3"), "its links are none of this file"),
@@ -122,6 +125,45 @@ def test_a_loop_that_is_left_open_is_said(tmp_path: Path, more: str, said: str) 
     (note,) = (note for note in robot.notes if note.grade == "left out")
     assert said in note.text
     assert "its torques are not those of the closed robot" in note.text
+
+
+@pytest.mark.parametrize("reach", [0.1, 0.2, 0.23])
+def test_ends_that_do_not_meet_at_zero_are_brought_together(tmp_path: Path, reach: float) -> None:
+    """The device file was open there; the pose is that of the file's own kinematics, whose tips coincide."""
+    robot = imported(tmp_path, _frame("closing_tip_1", "l2") + _frame("closing_tip_2", "r2", reach))
+    assert len(robot.device.active) == 2
+    assert not any(note.grade == "left out" for note in robot.notes)
+    (said,) = (note.text for note in robot.notes if "m apart with all joints at zero" in note.text)
+    assert f"{abs(_FAR - reach):.3g} m apart" in said
+    assert "check that this is the robot's" in said
+    near_a, near_b = robot.device.closure.at
+    q = robot.device.closure.positions(np.array([[near_a], [near_b]]))[:, 0]
+    (a1, a2), (b1, b2) = _turns(0.0, 1.0), _turns(_BASE, -1.0)
+    tips = []
+    for base, bars, angles in (
+        (0.0, (_NEAR, _FAR), (a1 + q[0], a2 + q[1])),
+        (_BASE, (_NEAR, reach), (b1 + q[2], b2 + q[3])),
+    ):
+        first, second = np.cumsum(angles)
+        x = base + bars[0] * np.cos(first) + bars[1] * np.cos(second)
+        tips.append((x, bars[0] * np.sin(first) + bars[1] * np.sin(second)))
+    np.testing.assert_allclose(tips[0], tips[1], atol=1e-9)
+    for name, value in zip(("qa1", "qa2", "qb1", "qb2"), q, strict=True):
+        assert f"{name} = {value:.4g}" in said
+
+
+def test_the_pose_of_a_loop_is_within_the_limits(tmp_path: Path) -> None:
+    """At the nearest pose, joint qa1 is at -0.08 rad."""
+    more = _frame("closing_tip_1", "l2") + _frame("closing_tip_2", "r2", 0.2)
+    limits = '<limit lower="{}" upper="{}" effort="1" velocity="1"/><axis xyz="0 0 1"/></joint><joint name="qa2"'
+    text = five_bar(more).replace('<axis xyz="0 0 1"/></joint><joint name="qa2"', limits.format(0.05, 2.0))
+    (tmp_path / "five.urdf").write_text(text)
+    robot = import_robot(tmp_path / "five.urdf")
+    assert len(robot.device.active) == 2
+    assert robot.device.closure.at[0] >= 0.05
+    text = five_bar(more).replace('<axis xyz="0 0 1"/></joint><joint name="qa2"', limits.format(2.0, 2.1))
+    (tmp_path / "five.urdf").write_text(text)
+    assert 2.0 <= import_robot(tmp_path / "five.urdf").device.closure.at[0] <= 2.1
 
 
 def test_a_loop_that_mimic_joints_close_is_closed_once(tmp_path: Path) -> None:

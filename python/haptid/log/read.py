@@ -82,9 +82,8 @@ def read_log(
         if name not in columns:
             raise _missing(path, name, kind.names(path))
     if channels.time is not None and len({column.size for column in columns.values()}) > 1:
-        times, scale = _own_times(path, kind, columns), units.scale(channels.time_unit, "time")[1]
-        first = channels.position.channels
-        columns = by_own_times(columns, times, channels.time, scale, first, channels.merge, notes)
+        own, scale = _own_times(path, kind, columns), units.scale(channels.time_unit, "time")[1]
+        columns = by_own_times(columns, own, channels.time, scale, channels.position.channels, channels.merge, notes)
     count = checks.lengths(path, columns)
     if count == 0:
         raise empty(path, "channels and no rows")

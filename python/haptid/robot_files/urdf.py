@@ -77,7 +77,8 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
     mimics = [(element, element.first("mimic")) for element in root.all("joint")]
     follows = [_mimic(element, mimic) for element, mimic in mimics if mimic is not None]
     joints, drives = _transmissions(root, joints, notes)
-    closing = closing_joints(root, links, joints, follows, drives, notes)
+    closing, closed_at = closing_joints(root, links, joints, follows, drives, notes)
+    joints = [replace(joint, reference=closed_at.get(joint.name, 0.0)) for joint in joints]
     if closing and drives:  # joints without a transmission are those that the loops move
         driven = {name for drive in drives for name in drive.factors}
         joints = [replace(joint, actuated=joint.name in driven) for joint in joints]

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from haptid._internal.arrays import Array
 from haptid.device.geometry import least_turn
@@ -28,6 +30,8 @@ _END = re.compile(r"closing_(?P<loop>.+)_[12]")
 _CALLED = re.compile(r"clos(?:ed|ing|ure)[_-]?loop|loop[_-]?clos", re.I)
 # Ends farther apart than this, m, do not meet where the joints are at zero.
 _MEET = 1e-6
+# Random positions from which a closed pose is searched where that from zero finds none.
+_STARTS = 20
 _NAMED = 8
 _OPEN = (
     "the device file is open there, and its torques are not those of the closed robot: give its MJCF or SDF, which "
@@ -42,12 +46,15 @@ def closing_joints(
     follows: Sequence[Follows],
     drives: Sequence[Drive],
     notes: list[Note],
-) -> tuple[ClosingJoint, ...]:
-    """Joints that close loops where the tree's are at zero; what is left out, and who drives a loop, is noted."""
+) -> tuple[tuple[ClosingJoint, ...], dict[str, float]]:
+    """Joints that close loops, and positions of the tree's at which they do; empty where these are zero.
+
+    What is left out, and who drives a loop, is noted.
+    """
     above = {joint.child: joint for joint in joints}
     found = [
         *(_in_gazebo(child, links, above, notes) for gazebo in root.all("gazebo") for child in gazebo.all("joint")),
-        *(_between(*ends, above, notes) for ends in _ends(links)),
+        *(_between(*ends) for ends in _ends(links)),
     ]
     made = []
     for cut in (cut for cut in found if cut is not None):
@@ -56,6 +63,7 @@ def closing_joints(
             notes.append(Note("left out", f"{cut.name}, which closes a loop that <mimic> closes", cut.line))
         else:
             made.append(cut)
+    made, at = _met(made, above, notes)
     if made and not drives:
         notes.append(
             Note("approximate", "no transmission says what drives the loops: joints nearest the base are taken")
@@ -66,7 +74,7 @@ def closing_joints(
     if called:
         names = ", ".join(called[:_NAMED]) + (", ..." if len(called) > _NAMED else "")
         notes.append(Note("left out", f"loops at {names}, by their names: {_OPEN}"))
-    return tuple(made)
+    return tuple(made), at
 
 
 def _in_gazebo(
@@ -106,23 +114,88 @@ def _ends(links: Mapping[str, RobotLink]) -> list[tuple[str, str]]:
     return [pair for pair in pairs if {*pair} <= links.keys()]
 
 
-def _between(one: str, other: str, above: Mapping[str, TreeJoint], notes: list[Note]) -> ClosingJoint | None:
-    apart = float(np.linalg.norm((_at_zero(one, above) - _at_zero(other, above))[:3, 3]))
-    if apart > _MEET:
-        text = f"the loop between {one} and {other}, which are {apart:.3g} m apart with all joints at zero; {_OPEN}"
+def _between(one: str, other: str) -> ClosingJoint:
+    return ClosingJoint(one.removesuffix("_1"), "spherical", one, np.eye(4), other, np.eye(4))
+
+
+def _met(
+    cuts: Sequence[ClosingJoint], above: Mapping[str, TreeJoint], notes: list[Note]
+) -> tuple[list[ClosingJoint], dict[str, float]]:
+    """Those of the cuts that close, and the positions of the joints, rad or m, at which they do where not at zero.
+
+    Ends that are apart at zero are brought together within the limits, from zero and then from random positions.
+    """
+    apart = {cut.name: float(np.linalg.norm(_gaps([cut], above, {})[:3])) for cut in cuts}
+    far = [cut for cut in cuts if apart[cut.name] > _MEET]
+    for cut in (cut for cut in cuts if cut.kind == "spherical" and cut.line is None and cut not in far):
+        text = f"{cut.link_a} and {cut.link_b} are taken for one point, where a loop is closed"
+        notes.append(Note("approximate", text))
+    if not far:
+        return list(cuts), {}
+    names = sorted(set().union(*(_way(cut.link_a, above) ^ _way(cut.link_b, above) for cut in cuts)))
+    moving = [joint for joint in above.values() if joint.name in names and joint.moves]
+    limits = [joint.limits or ((-np.inf, np.inf) if joint.kind == "prismatic" else (-np.pi, np.pi)) for joint in moving]
+    low, high = np.array(limits, dtype=float).reshape(-1, 2).T
+    rng, wide = np.random.default_rng(0), np.clip(np.array([low, high]), -np.pi, np.pi)
+    starts = [np.clip(0.0, low, high), *(rng.uniform(*wide) for _ in range(_STARTS))]
+
+    def gaps(q: Array) -> Array:
+        return _gaps(cuts, above, dict(zip((joint.name for joint in moving), q, strict=True)))
+
+    for start in starts if moving and (low < high).all() else ():
+        found = least_squares(gaps, start, bounds=(low, high), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        if np.abs(gaps(found.x)).max() < _MEET:
+            at = dict(zip((joint.name for joint in moving), map(float, found.x), strict=True))
+            for cut in far:
+                where = ", ".join(f"{name} = {value:.4g}" for name, value in at.items())
+                text = (
+                    f"{cut.link_a} and {cut.link_b} are {apart[cut.name]:.3g} m apart with all joints at zero; "
+                    f"the loop is closed from where a search within the limits let them meet, {where}: of several "
+                    "assemblies, check that this is the robot's"
+                )
+                notes.append(Note("approximate", text))
+            return list(cuts), at
+    for cut in far:
+        text = (
+            f"the loop between {cut.link_a} and {cut.link_b}, which are {apart[cut.name]:.3g} m apart with all joints "
+            f"at zero, and meet at no position within the joints' limits that a search found; {_OPEN}"
+        )
         notes.append(Note("left out", text))
-        return None
-    name = one.removesuffix("_1")
-    notes.append(Note("approximate", f"{one} and {other} are taken for one point, where a loop is closed"))
-    return ClosingJoint(name, "spherical", one, np.eye(4), other, np.eye(4))
+    return [cut for cut in cuts if cut not in far], {}
+
+
+def _gaps(cuts: Sequence[ClosingJoint], above: Mapping[str, TreeJoint], at: Mapping[str, float]) -> Array:
+    """Distances of the ends of loops, m, and of revolute ones of their axes, (gaps,)."""
+    made: list[Array] = []
+    for cut in cuts:
+        a, b = _at(cut.link_a, above, at) @ cut.frame_a, _at(cut.link_b, above, at) @ cut.frame_b
+        made.append(a[:3, 3] - b[:3, 3])
+        if cut.kind != "spherical":
+            made.append(np.cross(a[:3, 2], b[:3, 2]))
+    return np.concatenate(made)
 
 
 def _at_zero(link: str, above: Mapping[str, TreeJoint]) -> Array:
     """Pose of a link in its root's frame where all joints are at zero, (4, 4)."""
+    return _at(link, above, {})
+
+
+def _at(link: str, above: Mapping[str, TreeJoint], at: Mapping[str, float]) -> Array:
+    """Pose of a link in its root's frame at positions of joints, zero where left out, (4, 4)."""
     made, passed = np.eye(4), {link}
     while link in above and (joint := above[link]).parent not in passed:
-        made, link = joint.placement @ made, joint.parent
+        made, link = joint.placement @ _moved(joint, at.get(joint.name, 0.0)) @ made, joint.parent
         passed.add(link)
+    return made
+
+
+def _moved(joint: TreeJoint, position: float) -> Array:
+    """The motion of a joint, (4, 4)."""
+    made = np.eye(4)
+    if joint.kind == "prismatic":
+        made[:3, 3] = position * joint.axis
+    else:
+        made[:3, :3] = Rotation.from_rotvec(position * joint.axis).as_matrix()
     return made
 
 

@@ -211,6 +211,14 @@ def _missing(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
         made.append("URDF has no loops: cut joints are in <gazebo> elements, as SDF; other readers see a tree.")
     elif model.device.closure.relations:
         made.append(f"Passive joints depend on active ones: {'; '.join(model.device.closure.relations)}.")
+    rotors = [
+        f"{name} {act.armature:.6g}" for act, name in zip(acts, _Names(model).joints, strict=False) if act.armature
+    ]
+    if rotors:
+        made.append(
+            "Rotor inertias are in <transmission>, as Drake reads them. MuJoCo, Gazebo and Pinocchio read none from "
+            f"URDF: set the armature of each joint there, kg m^2 or kg ({', '.join(rotors)}), or take MJCF."
+        )
     for act in acts:
         single = np.count_nonzero(act.joints) == 1
         lost = {"a spring, N m/rad or N/m": act.stiffness, "an offset, N m or N": act.offset}
