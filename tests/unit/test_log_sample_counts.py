@@ -151,3 +151,27 @@ def test_an_encoder_that_sticks_is_no_queue(tmp_path: Path, seed: int) -> None:
     log = read_log(tmp_path / "log.npz", channels)
     assert "periods" not in " ".join(log.time_base.sentences)
     np.testing.assert_array_equal(np.asarray(log.position), q)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_only_encoder_that_sticks_while_torques_go_on_is_no_queue(tmp_path: Path, seed: int) -> None:
+    """Of one joint no other position says that time goes on, but the torque does; a queue holds both."""
+    rng, t = np.random.default_rng(seed), np.arange(MANY) * PERIOD
+    q = 1e-5 * np.round(np.cos(5.1 * t + 0.3) / 1e-5)
+    held = np.arange(MANY)
+    for start in 60 * rng.choice(MANY // 60, 25, replace=False):
+        held[start : start + 18] = start
+    channels = Channels(Signal("q", "rad"), Signal("tau", "N m"), time="t")
+    for name, tau, method in (
+        ("stuck", rng.normal(size=MANY), "regular"),
+        ("queue", rng.normal(size=MANY)[held], None),
+    ):
+        np.savez(tmp_path / f"{name}.npz", t=t, q=q[held], tau=tau)
+        log = read_log(tmp_path / f"{name}.npz", channels)
+        said = " ".join(log.time_base.sentences)
+        if method:
+            assert log.time_base.method == method
+            assert "stale" not in said
+            np.testing.assert_array_equal(np.asarray(log.position)[:, 0], q[held])
+        else:
+            assert "hold an earlier sample" in said

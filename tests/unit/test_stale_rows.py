@@ -33,6 +33,7 @@ def motion(kind: str, rate: float, joints: int, rng: np.random.Generator) -> np.
 
 @QUICK
 @example(0, "slow", 200.0, 1, 14, "spring", 1.5)  # noise that happens to go one way was taken for fast motion
+@example(18, "slow", 1000.0, 1, 16, "spring", 1.5)  # repeats that no motion catches up on, with torques that follow
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from(["slow", "plain", "paused", "rest"]),

@@ -272,6 +272,9 @@ def counted_times(
     """Times and stale rows by the motion's count of sampling periods; as they were where these agree with it."""
     many = seconds.size
     taken, fresh = found.times / found.step, np.ones(many, dtype=bool) if stale is None else ~stale.position
+    # Positions that are held while torques go on are of a channel that is stuck, and no count of what the rows hold:
+    # where motion and stamps agree again behind them, times are right.
+    fresh &= ~recorded.same_position | recorded.same_torque
     if many > _LONG and not _may_be_miscounted(spans, recorded, taken, fresh):
         return found, stale
     counts = count_steps(recorded.positions(), spans, many)

@@ -139,7 +139,7 @@ def find_stale(
         bound = caught_up < TOGETHER * float(same_position[~moving].mean())
     fine = [channel for channel in torques() if _is_fine(channel)]
     if fine:
-        torque = short_torque & (moving | ~same_position) if bound else short_torque
+        torque = short_torque & (position | ~same_position) if bound else short_torque
         position |= short_position & torque
     else:
         whole = position.any() and float(same_torque[position].mean()) >= TOGETHER
