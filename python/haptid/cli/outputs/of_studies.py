@@ -247,6 +247,7 @@ class FrictionFitOutput(OutputTable):
     values: dict[str, Number]
     conf_int: dict[str, Interval]
     aicc: Number
+    p: Number = Field(1.0, description="that Coulomb and viscous friction is enough")
     relative_error_percent: Number
 
 

@@ -3,6 +3,9 @@
 Models are compared by AICc, the AIC corrected for small samples (Hurvich and Tsai 1989; Burnham and Anderson 2002,
 section 2.4): n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1), with S the sum of squares of the n standardised residuals
 and K parameters including the residual variance. A larger model must be lower by 2 to be chosen.
+
+AICc alone chooses a larger model in one of twenty tests of a joint without such friction: a model larger than Coulomb
+and viscous friction has to be significant by an F test as well, at 0.01 over all joints and such models (Holm).
 """
 
 from __future__ import annotations
@@ -14,8 +17,12 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
+from haptid.uncertainty.distributions import f_tail
+from haptid.uncertainty.multiple_testing import holm_adjusted
 from haptid.uncertainty.quantities import Quantities
 
+# Level of the tests that Coulomb and viscous friction is enough, over all of them together.
+LEVEL = 0.01
 # Decrease of AICc that a model with more parameters requires.
 _GAIN = 2.0
 # Lower bounds of a point's standard error: relative to the median one, and relative to the largest torque.
@@ -78,6 +85,8 @@ class FrictionFit:
         VS: its Stribeck velocity, rad/s or m/s; None where it has none.
         aicc: infinite where there are too few points.
         error: 100 norm(f - f_hat) / norm(f), per cent.
+        squares: sum of squares of the standardised residuals.
+        free: points less parameters.
     """
 
     friction_model: str
@@ -85,6 +94,8 @@ class FrictionFit:
     VS: float | None
     aicc: float
     error: float
+    squares: float
+    free: int
 
     @property
     def values(self) -> dict[str, float]:
@@ -105,11 +116,14 @@ class JointChoice:
     Attributes:
         label: "motor 1".
         fits: of all models, in order of the number of parameters.
+        p: of each, p-value of the F test that Coulomb and viscous friction is enough, by Holm over all joints and
+            larger models; 1 for those that are not larger.
         chosen: the model to use.
     """
 
     label: str
     fits: tuple[FrictionFit, ...]
+    p: tuple[float, ...]
     chosen: FrictionFit
 
     @property
@@ -119,14 +133,15 @@ class JointChoice:
 
     @property
     def sentence(self) -> str:
-        """The choice, with differences of AICc and the values."""
-        standard = next(fit for fit in self.fits if fit.friction_model == _VISCOUS.name)
-        larger = [fit for fit in self.fits if fit.friction_model not in _SMALL]
-        differences = ", ".join(f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}" for fit in larger)
+        """The choice, with differences of AICc, p-values and the values."""
+        standard = _standard(self.fits)
+        larger = [(fit, p) for fit, p in zip(self.fits, self.p, strict=True) if fit.friction_model not in _SMALL]
+        each = (f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}, p = {p:.2g}" for fit, p in larger)
+        differences = f"{'; '.join(each)}; limits {-_GAIN:g} and {LEVEL:g}"
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
             verdict = f"viscous and Coulomb friction are not sufficient (AICc: {differences})."
-        elif all(np.isinf(fit.aicc) for fit in larger):
+        elif all(np.isinf(fit.aicc) for fit, _ in larger):
             verdict = f"too few velocities for a model larger than {self.chosen.friction_model} friction."
         else:
             alone = " Coulomb friction alone is." if self.chosen.friction_model == _COULOMB.name else ""
@@ -151,15 +166,41 @@ class FrictionChoice:
 
 
 def choose_friction(curve: FrictionCurve) -> FrictionChoice:
-    """Fit every friction model to each joint's curve, and choose the smallest sufficient one."""
-    return FrictionChoice(tuple(_choice(joint) for joint in curve.joints))
+    """Fit every friction model to each joint's curve, and choose the smallest sufficient one.
+
+    Models larger than Coulomb and viscous friction only where their F test is significant over all joints.
+    """
+    every = [tuple(fit(friction_model, joint) for friction_model in MODELS) for joint in curve.joints]
+    p = np.ones((len(every), len(MODELS)))
+    larger = [friction_model.name not in _SMALL for friction_model in MODELS]
+    p[:, larger] = [
+        [_enough(_standard(fits), one) for one, own in zip(fits, larger, strict=True) if own] for fits in every
+    ]
+    p[:, larger] = holm_adjusted(p[:, larger].ravel()).reshape(len(every), -1)
+    return FrictionChoice(
+        tuple(_choice(joint.label, fits, own) for joint, fits, own in zip(curve.joints, every, p, strict=True))
+    )
 
 
-def _choice(joint: JointFriction) -> JointChoice:
-    fits = tuple(fit(friction_model, joint) for friction_model in MODELS)
-    least = min(one.aicc for one in fits)
-    chosen = next(one for one in fits if one.aicc <= least + _GAIN)
-    return JointChoice(joint.label, fits, chosen)
+def _choice(label: str, fits: tuple[FrictionFit, ...], p: Array) -> JointChoice:
+    able = [one for one, own in zip(fits, p, strict=True) if one.friction_model in _SMALL or own < LEVEL]
+    least = min(one.aicc for one in able)
+    chosen = next(one for one in able if one.aicc <= least + _GAIN)
+    return JointChoice(label, fits, tuple(p.tolist()), chosen)
+
+
+def _standard(fits: tuple[FrictionFit, ...]) -> FrictionFit:
+    """Coulomb and viscous friction."""
+    return next(one for one in fits if one.friction_model == _VISCOUS.name)
+
+
+def _enough(standard: FrictionFit, larger: FrictionFit) -> float:
+    """P-value of the F test that the parameters which a larger model adds are zero; 1 with too few points."""
+    added = standard.free - larger.free
+    if larger.free < 1:
+        return 1.0
+    variance = max(larger.squares / larger.free, 1.0)  # as of `fit`
+    return float(f_tail((standard.squares - larger.squares) / added / variance, added, larger.free))
 
 
 def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
@@ -182,6 +223,8 @@ def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
         VS=scale if friction_model.scaled else None,
         aicc=n * float(np.log(max(squares / n, _EXACT**2))) + 2 * K + correction,
         error=100 * float(np.linalg.norm(f - friction_model.columns(v, scale) @ beta) / np.linalg.norm(f)),
+        squares=squares,
+        free=n - K + 1,
     )
 
 

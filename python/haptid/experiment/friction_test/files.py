@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.escaping import write_csv
 from haptid._internal.extras import needing
-from haptid.experiment.friction_test.choice import MODELS, FrictionChoice, FrictionFit, JointChoice
+from haptid.experiment.friction_test.choice import LEVEL, MODELS, FrictionChoice, FrictionFit, JointChoice
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 
 with needing("drawing pictures"):
@@ -43,24 +43,26 @@ def write_points(curve: FrictionCurve, path: Path) -> None:
 def choice_values(choice: FrictionChoice) -> dict[str, Any]:
     """The model comparison as plain values, for `friction.json`."""
     return {
-        "criterion": "AICc: n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1); a larger model must be lower by 2",
+        "criterion": "AICc: n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1); a larger model must be lower by 2, and "
+        f"one larger than Coulomb and viscous friction be significant at {LEVEL:g} by an F test (p, by Holm over all)",
         "viscous_and_coulomb_are_enough": choice.enough,
         "joints": [
             {
                 "joint": joint.label,
                 "chosen": joint.chosen.friction_model,
-                "models": [_fit_values(fit) for fit in joint.fits],
+                "models": [_fit_values(fit, p) for fit, p in zip(joint.fits, joint.p, strict=True)],
             }
             for joint in choice.joints
         ],
     }
 
 
-def _fit_values(fit: FrictionFit) -> dict[str, Any]:
+def _fit_values(fit: FrictionFit, p: float) -> dict[str, Any]:
     return {
         "model": fit.friction_model,
         "values": fit.values,
         "conf_int": {name: list(ends) for name, ends in fit.conf_int().items()},
+        "p": p,
         "aicc": fit.aicc if math.isfinite(fit.aicc) else None,
         "relative_error_percent": fit.error,
     }
