@@ -9,7 +9,14 @@ import pytest
 
 from haptid.advice.search import unseen_percent
 from haptid.inference.diagnosis.finding import Finding
-from haptid.inference.diagnosis.verdict import COMPENSATION, MEANING, PREDICTION, SINGLE_PARAMETERS, verdict
+from haptid.inference.diagnosis.verdict import (
+    COMPENSATION,
+    MEANING,
+    PREDICTION,
+    SINGLE_PARAMETERS,
+    ProvenChange,
+    verdict,
+)
 from haptid.validation.validation import MotorError, Validation
 
 LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
@@ -25,12 +32,12 @@ def estimate(parameters, invented=()):
     )
 
 
-def given(relative, statuses, told=4, seen=False, invented=()):
+def given(relative, statuses, told=4, seen=False, invented=(), proven=None):
     """The verdict on an estimate of four parameters, `told` of them known well and `invented` of rounding alone."""
     parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
     errors = Validation((MotorError("1", "motor 1", "N m", relative, 100.0, 10),), seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
-    return verdict(estimate(parameters, invented), errors, findings)
+    return verdict(estimate(parameters, invented), errors, findings, proven)
 
 
 def test_every_look_that_counts_has_plain_words():
@@ -159,3 +166,22 @@ def test_advice_has_the_error_of_all_motors_that_tables_have(units):
     trial = SimpleNamespace(errors=residual**2 * weights**2, setting=None)
     assert unseen_percent(model, bench, trial) == pytest.approx(Validation(tuple(motors), False).relative)
     assert unseen_percent(model, bench, trial, 1) == pytest.approx(motors[1].relative)
+
+
+def test_a_proven_change_takes_the_place_of_what_residuals_seem_to_be_caused_by():
+    statuses = {"time delay": "bad", "units and signs": "doubt", "ripple": "bad", "collinearity": "doubt"}
+    before = given(0.3, statuses)
+    after = given(0.3, statuses, proven=ProvenChange("reverse the torque channel of motor 1", frozenset()))
+    assert (after.torque, after.compensation, after.parameters) == (
+        before.torque,
+        before.compensation,
+        before.parameters,
+    )
+    assert MEANING["time delay"] in before.sentences[0]
+    said = " ".join(after.sentences)
+    assert "a proven change is not made (reverse the torque channel of motor 1)" in said
+    assert MEANING["units and signs"] in said  # tells it from bodies, and not from residuals
+    assert not any(MEANING[name] in said for name in ("time delay", "ripple"))
+    agreeing = given(0.3, statuses, proven=ProvenChange("add a ripple", frozenset({"ripple"})))
+    assert MEANING["ripple"] in " ".join(agreeing.sentences)
+    assert MEANING["time delay"] not in " ".join(agreeing.sentences)

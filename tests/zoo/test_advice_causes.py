@@ -9,8 +9,10 @@ import numpy as np
 import pyarrow.csv
 import pytest
 
-from haptid.advice import advise
+from haptid.advice import advise, verdict_with
 from haptid.advice import apply_advice as applied
+from haptid.inference.diagnosis import diagnose
+from haptid.inference.diagnosis.verdict import MEANING
 from haptid.study.identify import identify
 from haptid.study.read import read_study
 from zoo.advised import rank
@@ -69,6 +71,18 @@ def test_of_two_signs_that_predict_alike_the_one_whose_bodies_can_exist_is_named
     signs = [action for action in made.actions if action.kind == "torque sign"]
     assert [action.places for action in signs] == [(f"motor {plant.motor + 1}",)]
     assert not signs[0].rivals
+
+
+def test_the_verdict_names_the_proven_sign_and_no_delay(tmp_path: Path) -> None:
+    """Residuals of a reversed torque look late."""
+    case = Case(44, "arm2", 250, 16, 0.7, 3, bits=16, friction=0.5, level=0.0129, delay=1.0)
+    wrong = identified(WrongPlant(case, "torque sign"), tmp_path)
+    looks = diagnose(wrong.estimate)
+    assert MEANING["time delay"] in str(looks.verdict)
+    made = verdict_with(looks, advise(wrong, looks))
+    assert MEANING["time delay"] not in str(made)
+    assert "reverse the torque" in made.sentences[0]
+    assert (made.torque, made.parameters) == (looks.verdict.torque, looks.verdict.parameters)
 
 
 def test_steps_are_stated_by_what_coarser_ones_do(tmp_path: Path) -> None:

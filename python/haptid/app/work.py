@@ -100,7 +100,7 @@ def _identify(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
     )
     return {
         "result": arguments["out"],
-        "verdict": list(source.diagnosis.verdict.sentences),
+        "verdict": list(source.verdict.sentences),
         "met": result.criteria.met,
     }
 

@@ -108,7 +108,7 @@ def _show_report(source: ReportSource, out_folder: Path) -> None:
     """Errors over time, verdict and advice, and where the report is."""
     from haptid.report import sparklines
 
-    for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, *source.advice.sentences, ""):
+    for line in ("", *sparklines(source), "", *source.verdict.sentences, *source.advice.sentences, ""):
         out.print(line, highlight=False)
     out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
 

@@ -63,7 +63,7 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
 
     identification = source.identification
     progress("writing the report", 0.0)
-    result = Result.of(identification, source.diagnosis.verdict, source.advice)
+    result = Result.of(identification, source.verdict, source.advice)
     result.write_into(folder)
     report_of(source).write_into(folder)
     progress("writing the report", 1.0)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from haptid.end_effector.characterisation.model import GivenParameters
     from haptid.end_effector.force import HandleForce
     from haptid.end_effector.torque_decomposition import TorqueDecomposition
-    from haptid.inference.diagnosis import Diagnosis
+    from haptid.inference.diagnosis import Diagnosis, Verdict
 
 # A log with more rows is not decomposed: memory.
 LARGEST_DECOMPOSITION = 2_000_000
@@ -168,6 +168,13 @@ class ReportSource:
         from haptid.advice import advise
 
         return advise(self.identification, self.diagnosis)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Of the diagnosis, with what the advice has proven."""
+        from haptid.advice import verdict_with
+
+        return verdict_with(self.diagnosis, self.advice)
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:

@@ -49,6 +49,8 @@ COMPENSATION = (
     "ripple",
 )
 SINGLE_PARAMETERS = ("excitation", "collinearity", "errors in W", "whiteness")
+# Those that are tests of the residuals, which a wrong channel makes as well.
+_BY_RESIDUALS = ("time delay", "influence", "drift", *COMPENSATION, "errors in W", "whiteness")
 # Reasons named for each use.
 MOST = 3
 
@@ -78,6 +80,19 @@ class Verdict:
 
 
 @dataclass(frozen=True)
+class ProvenChange:
+    """A change of the study that is proven to be needed, without which tests of the residuals find other causes.
+
+    Attributes:
+        words: what to do.
+        agreeing: names of findings that say the same as it, or as others proven with it.
+    """
+
+    words: str
+    agreeing: frozenset[str]
+
+
+@dataclass(frozen=True)
 class Reason:
     """A reason for or against a use, and the finding behind it, if there is one."""
 
@@ -94,8 +109,17 @@ def mild(reasons: Sequence[Reason]) -> list[Reason]:
     return [reason if reason.status == "ok" else replace(reason, status="doubt") for reason in reasons]
 
 
-def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -> Verdict:
-    """The verdict on an estimate with these errors and findings."""
+def verdict(
+    fitted: Estimate, errors: Validation, findings: Sequence[Finding], proven: ProvenChange | None = None
+) -> Verdict:
+    """The verdict on an estimate with these errors and findings.
+
+    Args:
+        fitted: the estimate.
+        errors: its errors, of unseen rows if there are any.
+        findings: of its diagnosis.
+        proven: a change that takes the place of what residuals seem to be caused by without it.
+    """
     by_name = {finding.name: finding for finding in findings}
 
     def of(names: Sequence[str]) -> list[Reason]:
@@ -106,6 +130,8 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
     torque = [size, *silent, *_small(errors), *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *silent, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
+    if proven is not None:
+        torque, compensation, single = (_in_its_place(each, proven) for each in (torque, compensation, single))
     parts = (
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
@@ -114,6 +140,14 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
     )
     sentences, looks = zip(*parts, strict=True)
     return Verdict(_worst(torque), _worst(compensation), _worst(single), sentences, looks)
+
+
+def _in_its_place(reasons: Sequence[Reason], proven: ProvenChange) -> list[Reason]:
+    """Reasons with a proven change, as grave as what is not a reason any more, in place of causes without it."""
+    gone = [one for one in reasons if one.finding in _BY_RESIDUALS and one.finding not in proven.agreeing]
+    words = f"a proven change is not made ({proven.words})"
+    measure, *others = (one for one in reasons if one not in gone)
+    return [measure, Reason(worst(["doubt", *(one.status for one in gone)]), words), *others]
 
 
 def _meaning(finding: Finding) -> str:

@@ -48,15 +48,15 @@ class VerdictSection(Section):
     @classmethod
     def of(cls, source: ReportSource) -> VerdictSection:
         diagnosis, identification = source.diagnosis, source.identification
-        statuses = [(name, getattr(diagnosis.verdict, attribute)) for name, attribute in USES]
+        statuses = [(name, getattr(source.verdict, attribute)) for name, attribute in USES]
         return cls(
             charts=(),
             criterion=criterion(source.identification),
             met=identification.meets_criteria,
             uses=[{"name": name, "status": status, "word": _WORDS[status]} for name, status in statuses],
-            sentences=list(diagnosis.verdict.sentences[: len(USES)]),
-            next=[*diagnosis.verdict.sentences[len(USES) :], *source.advice.sentences],
-            looks=[list(names) for names in diagnosis.verdict.looks[: len(USES)]],
+            sentences=list(source.verdict.sentences[: len(USES)]),
+            next=[*source.verdict.sentences[len(USES) :], *source.advice.sentences],
+            looks=[list(names) for names in source.verdict.looks[: len(USES)]],
             findings=[_plain(finding) for finding in sorted(diagnosis.findings, key=_rank)],
             left_out=list(diagnosis.left_out),
             notes=[identification.use.reason, *source.estimate.notes],
