@@ -399,6 +399,13 @@ def test_the_error_of_a_motor_is_stated_where_a_change_does_not_show_in_that_of_
     everywhere = stated(search, before, Trial(Setting(), 0.01 * noise[0], None))
     assert everywhere.motor is None
     assert everywhere.size > made.size
+    # Of a device with one motor that is the error of all: a payload that is clear by two standard errors was behind a drift.
+    device.torque_units, device.free_rows, model.known_rows = ("N m",), (False,), range(1)
+    bench.weights, squares = np.ones(1), np.ones((24, 1))
+    assert (
+        stated(search, *(Trial(Setting(), 0.1 * noise[k, :, :1] * left, None) for k, left in ((0, 1), (1, 0.9)))).motor
+        is None
+    )
 
 
 @pytest.mark.parametrize(("share", "refused"), [(0.1, False), (0.2, True)])

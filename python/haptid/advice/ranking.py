@@ -51,11 +51,11 @@ def stated(search: Trials, base: Trial, trial: Trial) -> Stated:
     Changes are judged in units of each motor's residual: that of a small motor hardly shows in the error of all.
     """
     whole = _stated(search, base, trial, None)
-    return (
-        whole
-        if whole.before - whole.after >= LEAST_SE * whole.se
-        else _stated(search, base, trial, helped(base, trial))
-    )
+    if whole.before - whole.after >= LEAST_SE * whole.se:
+        return whole
+    own = _stated(search, base, trial, helped(base, trial))
+    # That of all is a motor's own where there is no other.
+    return own if (own.before - own.after) * whole.se > (whole.before - whole.after) * own.se else whole
 
 
 def _stated(search: Trials, base: Trial, trial: Trial, motor: int | None) -> Stated:
