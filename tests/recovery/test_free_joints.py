@@ -122,8 +122,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[haptid.Identificatio
     return [identified(folder, t, q[:, :, k], force[:, k], k) for k, folder in enumerate(folders)]
 
 
-def test_a_motor_behind_a_joint_that_nothing_drives_is_not_advised_by_the_number_of_its_row(tmp_path: Path) -> None:
-    """Its channel is the first and its row the second: the advice of a late torque ended in a traceback."""
+def test_the_channel_of_a_motor_behind_a_joint_that_nothing_drives_is_shifted_in_time(tmp_path: Path) -> None:
+    """Its channel is the first and its row the second: nothing of its channel was tried."""
     t, q, torque = moved(driven=1)
     late = np.concatenate([np.full(15, torque[0, 0]), torque[:-15, 0]])
     np.savetxt(tmp_path / "log.csv", np.column_stack([t, q[:, :, 0], late]), delimiter=",", header="t,x,angle,force")
@@ -135,8 +135,12 @@ def test_a_motor_behind_a_joint_that_nothing_drives_is_not_advised_by_the_number
     made = haptid.identify(haptid.read_study(tmp_path / "study.toml"))
     assert made.model.measured_rows == (1,)
     said = advise(made, diagnose(made.estimate))
-    edits = [edit for action in said.actions for edit in action.edits if edit.path[:2] == ("channels", "torque")]
-    assert not [edit for edit in edits if edit.index]
+    first = said.actions[0]
+    assert (first.kind, first.places) == ("time shift", ("joint pole",))
+    (edit,) = first.edits
+    assert edit.path == ("treatment", "torque_delay_s")
+    np.testing.assert_allclose(edit.value, [-15 * DT], atol=DT)
+    assert first.after < 0.5 * first.before
 
 
 def test_a_drift_of_the_force_beside_a_pole_that_nothing_drives(tmp_path: Path) -> None:

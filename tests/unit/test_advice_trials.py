@@ -399,7 +399,7 @@ def test_the_error_of_a_motor_is_stated_where_a_change_does_not_show_in_that_of_
     everywhere = stated(search, before, Trial(Setting(), 0.01 * noise[0], None))
     assert everywhere.motor is None
     assert everywhere.size > made.size
-    # Of a device with one motor that is the error of all: a payload that is clear by two standard errors was behind a drift.
+    # Of one motor that is the error of all: a payload that is clear by two standard errors was behind a drift.
     device.torque_units, device.free_rows, model.known_rows = ("N m",), (False,), range(1)
     bench.weights, squares = np.ones(1), np.ones((24, 1))
     assert (
@@ -427,7 +427,8 @@ def test_the_rate_is_blamed_where_it_limits_the_filter(tmp_path: Path, share: fl
 def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kinds, monkeypatch):
     """Beside another motor whose unit is wrong, a motor that hardly turns its link has some factor or other."""
     module = import_module("haptid.advice.advise")
-    monkeypatch.setattr(module, "unseen_percent", lambda *_: 1.0)
+    left = {"mended": 0.2}
+    monkeypatch.setattr(module, "unseen_percent", lambda _model, _bench, trial, _k: left.get(trial, 1.0))
     monkeypatch.setattr(module, "right_signs", lambda *_: frozenset())
     device = SimpleNamespace(motors=(SimpleNamespace(gear_ratio=1.0, torque_constant=1.0),))
     motors = (SimpleNamespace(label="motor 1"),)
@@ -437,5 +438,9 @@ def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kin
             model=SimpleNamespace(device=device), observation=SimpleNamespace(motors=motors, motions=())
         ),
     )
-    search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None, rows=None)
-    assert [action.kind for action in module._units(search, None, diagnosis, set())] == kinds
+    torques = SimpleNamespace(of=lambda motor: motor)
+    search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None, rows=None, torques=torques)
+    assert [action.kind for action in module._units(search, ("", ""), diagnosis, set())] == kinds
+    # Not where the parameters make up for what another proven change mends, nor beside a dead channel.
+    assert not list(module._units(search, ("", "mended"), diagnosis, set()))
+    assert not list(module._units(search, ("", ""), diagnosis, {("dead torque", "motor 1")}))

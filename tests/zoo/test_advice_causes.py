@@ -52,6 +52,23 @@ CAUSES = {
     ),
     # Its own bodies cannot exist, which is no reason to reverse all torques.
     "exchanged torques": ("torque swap", Case(90211024, "arm2", 250, 30, 1.722, 3, bits=15, level=0.0054)),
+    # Its friction is negative in the fit of a channel that is zero most of the time, which is no sign.
+    "a dead torque": ("dead", Case(1129014, "arm2", 250, 20, 1.047, 3, bits=14, friction=0.1, noise="AR", level=0.02)),
+    # The bodies make up for it, and seemed to be in another unit.
+    "load friction": (
+        "load friction",
+        Case(1129044, "phantom", 500, 12, 0.8675, 4, bits=16, friction=0.1, level=0.01553, delay=1.0),
+    ),
+    # Of one motor, whose error is that of all.
+    "a payload": (
+        "payload",
+        Case(90211116, "pendulum", 500, 12, 1.748, 5, bits=15, friction=0.1, level=0.005051, delay=0.5),
+    ),
+    # The only position, held while the torque goes on.
+    "a stuck position": (
+        "stuck",
+        Case(57482020, "axis", 500, 30, 0.714, 4, bits=15, friction=0.1, level=0.006847, delay=1.0),
+    ),
 }
 
 
@@ -59,7 +76,8 @@ CAUSES = {
 def test_the_cause_is_named_first(name: str, tmp_path: Path) -> None:
     cause, case = CAUSES[name]
     plant = WrongPlant(case, cause)
-    made = advise(identified(plant, tmp_path))
+    wrong = identified(plant, tmp_path)
+    made = advise(wrong, diagnose(wrong.estimate))
     assert rank(plant, [[action.kind, *action.places] for action in made.actions]) == 1, made.sentences
 
 

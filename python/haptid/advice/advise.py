@@ -10,7 +10,7 @@ from haptid.advice.bodies import right_signs
 from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.conventions import OtherCounts, other_counts
 from haptid.advice.delays import COMMON_DELAY, TIME_SHIFT
-from haptid.advice.edits import Edit, edits_in_validation_logs, edits_of
+from haptid.advice.edits import Edit, edits_in_validation_logs, edits_of, gain_edits
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
 from haptid.advice.orders import OtherOrder, other_order
@@ -24,7 +24,7 @@ from haptid.advice.search import (
     unseen_percent,
 )
 from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
-from haptid.advice.sought import LARGE_ERROR, ROUGH_ERROR, behind, sought
+from haptid.advice.sought import LARGE_ERROR, OF_NOTHING, ROUGH_ERROR, behind, sought
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
@@ -45,6 +45,8 @@ _COUNTS = 5.0
 _MENDED = 0.5
 # Changes that say what a channel is, of which one is made at a time.
 _CHANNELS = (*OF_TORQUE_CHANNELS, "position sign", "position swap", "position unit")
+# Changes and faults of a torque channel beside which its unit is not judged.
+_OF_SIZE = ("gain", "torque sign", *OF_NOTHING)
 # Most actions of a combination.
 _MOST = 4
 
@@ -123,7 +125,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((whole_sign,), whole_sign.before, whole_sign.after, (), len(search.candidates) + 1)
     signs = [whole_sign] if whole_sign else [] if mended else reversals
     known |= {(action.kind, place) for action in signs for place in action.places}
-    signs += _units(search, base, diagnosis, known)
+    signs += _units(search, (base, best), diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
     every = [*signs, *listed]
     unknown = undetermined(search, base, {action.kind for action in every}, not every)
@@ -358,8 +360,17 @@ def _filter_action(one: OtherFilter, blocks: int) -> Action:
     )  # fmt: skip
 
 
-def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
-    """Torques whose size relative to the prior bodies a confusion of units explains."""
+def _units(
+    search: Trials, trials: tuple[Trial, Trial], diagnosis: Diagnosis | None, known: set[tuple[str, str]]
+) -> Iterator[Action]:
+    """Torques whose size relative to the prior bodies a confusion of units explains.
+
+    Args:
+        search: of the log.
+        trials: without changes, and with the best combination of those that are proven.
+        diagnosis: of the estimate, if there is one.
+        known: kinds and places of what is proven.
+    """
     if diagnosis is None:
         return
     found = next((one for one in diagnosis.findings if one.name == "units and signs"), None)
@@ -370,21 +381,22 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
     causes = confusions(diagnosis.estimate, factors)
     for k, label in enumerate(labels):
         factor = factors.get(label)
-        if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
+        if factor is None or (0.5 < factor < 2.0) or {(kind, label) for kind in _OF_SIZE} & known:
+            continue
+        base, best = (unseen_percent(search.model, search.bench, trial, k) for trial in trials)
+        if best < _MENDED * base:  # the factor is of parameters that made up for what is mended
             continue
         # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
-        if unseen_percent(search.model, search.bench, base, k) > ROUGH_ERROR or not (
-            GOOD > -factor > 1 / GOOD or factor > 0
-        ):
+        if base > ROUGH_ERROR or not (GOOD > -factor > 1 / GOOD or factor > 0):
             continue
         if factor < 0 and k in right_signs(diagnosis.estimate, search.rows):
             continue  # as where a delay takes viscous friction times itself from the inertia
         if factor > 0 and label not in causes:
             continue  # as of a motor that hardly turns its link: bodies, friction and noise are as likely
         kind = "torque sign" if factor < 0 else "unit"
-        edit = Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{1 / factor:.6g}"), k)
+        edits = tuple(gain_edits(search, k, 1 / factor))
         change = CHANGES[kind].format(where=label)
-        yield Action(kind, (label,), change, "prior bodies", factor, 1.0, None, 1.0, True, (edit,))
+        yield Action(kind, (label,), change, "prior bodies", factor, 1.0, None, 1.0, True, edits)
 
 
 def _use(found: Identification) -> Iterator[Action]:

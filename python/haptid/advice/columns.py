@@ -11,6 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice.recorder import ChannelFault
 from haptid.advice.rows import Column
+from haptid.advice.torque_channels import TorqueChannels
 from haptid.device.terms.presliding import Presliding
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.inverse import rigid
@@ -198,16 +199,10 @@ def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[floa
     return Source("ripple", place.label, index, tuple(map(waves, periods)), settings, 1 / FINEST / len(periods))
 
 
-def of_channel(model: DynamicModel, k: int, row: int) -> bool:
-    """Whether row number k is the torque of channel k: one behind a free joint that comes first is not."""
-    return model.measured_rows[k : k + 1] == (row,)
-
-
-def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: float) -> Iterator[Source]:
-    """First-order effects on every row whose channel of torque has the row's number: of a delay, and of drift."""
-    for k, row in enumerate(rows):
-        if not of_channel(model, k, row):
-            continue
+def channels(model: DynamicModel, torques: TorqueChannels, middle: float, half: float) -> Iterator[Source]:
+    """First-order effects on every row of measured torque: of drift, and of a delay of a channel of its own."""
+    for k in torques.measured:
+        row = model.known_rows[k]
         label, own = model.device.row_labels[row], np.eye(len(model.device.active))[row]
 
         def rate(context: ResidualContext, r: int = row) -> Array:
@@ -218,33 +213,31 @@ def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: floa
             cd = context.motion[1][r]
             return np.stack([t, t * np.sign(cd)])
 
-        yield Source("time shift", label, k, (Column(rate, own),))
+        if torques.of(k) is not None:
+            yield Source("time shift", label, k, (Column(rate, own),))
         yield Source("drift", label, k, (Column(drift, own),))
 
 
-def clipped_channels(
-    model: DynamicModel, rows: Sequence[int], scales: Sequence[float], found: Sequence[ChannelFault]
-) -> Iterator[Source]:
-    """What a clipped extreme adds to the model's torque of a motor.
+def clipped_channels(model: DynamicModel, torques: TorqueChannels, found: Sequence[ChannelFault]) -> Iterator[Source]:
+    """What a clipped extreme adds to the model's torque of a motor; nothing where rows mix channels.
 
     Args:
-        rows: its rows with measured torque, in the order of the torque channels.
-        scales: torque of a row per unit of its channel.
+        model: of the device.
+        torques: whose the channels are.
         found: faults of the channels.
     """
     for fault in found:
-        if fault.kind != "clipped torque":
+        if fault.kind != "clipped torque" or torques.scales is None:
             continue
-        row, limit = rows[fault.channel], abs(scales[fault.channel]) * fault.size
+        (motor,) = torques.motors(fault.channel)
+        row, limit = model.known_rows[motor], abs(float(torques.scales[motor])) * fault.size
 
         def error(context: ResidualContext, r: int = row, most: float = limit) -> Array:
             tau = context.predicted[r]
             return np.asarray((np.clip(tau, -most, most) - tau)[None])
 
         own = np.eye(len(model.device.active))[row]
-        yield Source(
-            fault.kind, model.device.row_labels[row], fault.channel, (Column(error, own),), ({"size": fault.size},)
-        )
+        yield Source(fault.kind, model.device.row_labels[row], motor, (Column(error, own),), ({"size": fault.size},))
 
 
 def payload_steps(model: DynamicModel, times: Sequence[float]) -> Iterator[Source]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.advice.grams import Grams
-from haptid.advice.search import LARGEST_CHANGE, LEAST_GAIN, LEAST_SE, Trials, TriedChange, scales
+from haptid.advice.search import LARGEST_CHANGE, LEAST_GAIN, LEAST_SE, Trials, TriedChange
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.errors import HaptidError
 from haptid.motion.motion import Motion, shifted, with_delay
@@ -35,8 +35,9 @@ def with_delays(search: Trials) -> Trials:
     bench, motions = search.bench, search.motions
     if any(motion.log is None for motion in motions) or not search.rows.movable:
         return search
-    which = [tuple(range(bench.motors))] if bench.motors > 1 else []
-    if scales(search.model, motions) is not None:
+    measured = search.torques.measured
+    which = [measured] if len(measured) > 1 else []
+    if search.torques.scales is not None:
         base = search.base()
         slopes = [one for one in search.candidates if one.kind == TIME_SHIFT]
         which += [one.indices for one in slopes if gain(base, bench.run(one.setting)).share > LEAST_GAIN]
@@ -45,19 +46,19 @@ def with_delays(search: Trials) -> Trials:
     shifts = _shifts(motions)
     try:
         tried = _halves(search, shifts)
-        for channels in which:
-            search = _with_delay(search, channels, shifts, tried)
+        for motors in which:
+            search = _with_delay(search, motors, shifts, tried)
     except HaptidError:  # the log is too short for such a shift
         return search
     return search
 
 
-def with_shift(motions: Sequence[Motion], one: TriedChange) -> tuple[Motion, ...]:
-    """The motions of logs with the torques shifted as a candidate of `with_delays` has them."""
+def with_shift(search: Trials, motions: Sequence[Motion], one: TriedChange) -> tuple[Motion, ...]:
+    """The motions of logs with the torques shifted as a candidate of `with_delays`, of this search, has them."""
     made = []
     for motion in motions:
         now = np.broadcast_to(motion.treatment.torque_delay_s, motion.tau.shape[1]).astype(float)
-        now[_channels(one.indices)] += one.seconds
+        now[shifted_channels(search, one)] += one.seconds
         made.append(with_delay(motion, tuple(now.tolist())))
     return tuple(made)
 
@@ -67,7 +68,7 @@ def _with_delay(search: Trials, which: tuple[int, ...], shifts: Array, tried: Se
 
     Args:
         search: of a log.
-        which: channels that are shifted.
+        which: motors whose torques are shifted.
         shifts: that were tried, s.
         tried: Gram matrices of the base columns for each shift of all channels, summed over each half of the blocks.
     """
@@ -82,19 +83,20 @@ def _with_delay(search: Trials, which: tuple[int, ...], shifts: Array, tried: Se
         fitted, unseen = late.fit(Setting(), every[half::2]), slice(1 - half, None, 2)
         errors[unseen] = late.errors(fitted, Setting(), None, unseen)
     whole = _best(search, which, shifts, tried, slice(None))
-    if whole is None or _harms(search.base().errors - errors):
+    if whole is None or _harms((search.base().errors - errors)[:, list(search.torques.measured)]):
         return search
     bench = bench.with_rows(setting.rows, _grams(search, whole, which))
     bench = replace(bench, known=bench.known | {setting: Trial(setting, errors, bench.fit(setting, every))})
-    labels = [search.model.device.row_labels[row] for row in search.model.measured_rows]
+    labels = [search.model.device.row_labels[row] for row in search.model.known_rows]
     places = ("all torque channels",) if name == COMMON_DELAY else tuple(labels[k] for k in which)
     one = TriedChange(name, places, setting, indices=which, seconds=whole)
     return replace(search, bench=bench, candidates=(*search.candidates, one))
 
 
-def _channels(which: tuple[int, ...]) -> slice:
-    """Torque channels, of one or of all."""
-    return slice(which[0], which[0] + 1) if len(which) == 1 else slice(None)
+def shifted_channels(search: Trials, one: TriedChange) -> list[int] | slice:
+    """Torque channels that a candidate of `with_delays` shifts: that of a motor, or all."""
+    own = search.torques.of(one.indices[0])
+    return slice(None) if one.kind == COMMON_DELAY or own is None else [own]
 
 
 def _shifts(motions: Sequence[Motion]) -> Array:
@@ -125,9 +127,9 @@ def _best(search: Trials, which: tuple[int, ...], shifts: Array, tried: Sequence
 
 
 def _mixed(late: Grams, plain: Grams, which: tuple[int, ...]) -> Grams:
-    """Gram matrices of a shift of some channels: each motor's own is that of its rows."""
+    """Gram matrices of a shift of some motors' torques: each motor's own is that of its rows."""
     values = plain.values.copy()
-    values[:, _channels(which)] = late.values[:, _channels(which)]
+    values[:, which] = late.values[:, which]
     return replace(plain, values=values)
 
 
@@ -144,7 +146,10 @@ def _loss(search: Trials, grams: Grams) -> float:
 
 
 def _harms(gains: Array) -> bool:
-    """Whether the error of a motor is larger, by more than block errors differ, from gains, (blocks, motors)."""
+    """Whether the error of a motor is larger, by more than block errors differ, from gains, (blocks, motors).
+
+    Not asked of joints that nothing drives: less is left of their rows where parameters are too small, by late torques.
+    """
     spread = np.sqrt(len(gains)) * gains.std(axis=0, ddof=1)
     return bool((gains.sum(axis=0) < -LEAST_SE * spread).any())
 
@@ -162,7 +167,7 @@ def _halves(search: Trials, shifts: Array) -> list[Grams]:
 def _grams(search: Trials, shift: float, which: tuple[int, ...], columns: int | None = None) -> Grams:
     """Gram matrices with the torques of so much earlier, s, as acting: as `TrialRows.grams`."""
     y = np.array(search.rows.y)
-    y[_channels(which)] = _torque(search, shift)[_channels(which)]
+    y[list(which)] = _torque(search, shift)[list(which)]
     return replace(search.rows, y=y).grams(columns=columns)
 
 

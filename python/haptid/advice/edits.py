@@ -90,9 +90,9 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
                 )
         case "gain" | "torque sign" as kind:
             factor = -1.0 if kind == "torque sign" else 1.0 / float(found.trial.whole.factors[one.indices[0]])
-            yield Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{factor:.6g}"), one.indices[0])
+            yield from gain_edits(search, one.indices[0], factor)
         case "torque swap":
-            yield Edit("study", "exchange", ("channels", "torque"), list(one.indices))
+            yield Edit("study", "exchange", ("channels", "torque"), [search.torques.of(k) for k in one.indices])
         case "position swap":
             yield Edit("study", "exchange", ("channels", "position"), list(one.indices))
         case "position unit":
@@ -101,15 +101,15 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             for key in ("gain", "offset"):
                 yield Edit("study", "multiply", ("channels", "position", key), -1.0, one.indices[0])
         case "time shift" if not one.seconds:
-            now = np.broadcast_to(treatment.torque_delay_s, len(search.model.measured_rows)).astype(float)
+            now = np.broadcast_to(treatment.torque_delay_s, search.motions[0].tau.shape[1]).astype(float)
             for k, value in zip(one.indices, values, strict=True):
-                now[k] += float(value[0])
+                now[search.torques.of(k)] += float(value[0])
             yield Edit("study", "set", ("treatment", "torque_delay_s"), [float(f"{d:.5g}") for d in now])
         case "common delay" | "time shift":
             now = np.array(np.atleast_1d(treatment.torque_delay_s), dtype=float)
             if one.kind == "time shift":
-                now = np.broadcast_to(now, len(search.model.measured_rows)).copy()
-                now[list(one.indices)] += one.seconds
+                now = np.broadcast_to(now, search.motions[0].tau.shape[1]).copy()
+                now[search.torques.of(one.indices[0])] += one.seconds
             else:
                 now += one.seconds
             delays = [float(f"{d:.5g}") for d in now]
@@ -136,6 +136,13 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             yield Edit("study", "remove", ("logs", one.indices[0]), one.places[0])
 
 
+def gain_edits(search: Trials, motor: int, factor: float) -> Iterator[Edit]:
+    """The edit that multiplies the torque channel of a motor, by number; none where it has none of its own."""
+    channel = search.torques.of(motor)
+    if channel is not None:
+        yield Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{factor:.6g}"), channel)
+
+
 def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
     """Ranges of time, s, that a fault, a contact, slip or a limit cycle spoils, by log of the fit."""
     made: dict[int, list[list[float]]] = {}
@@ -150,7 +157,8 @@ def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
             made[part.log] = _ranges(np.asarray(log.t), part.samples)
     for k, fault in search.faults:
         log = search.motions[k].log
-        if fault.kind == found.candidate.kind and fault.channel in found.candidate.indices and log is not None:
+        places = set(search.places_of(fault)) & set(found.candidate.indices)
+        if fault.kind == found.candidate.kind and places and log is not None:
             made[k] = _ranges(np.asarray(log.t), fault.samples)
     return made
 
@@ -163,7 +171,8 @@ def edits_in_validation_logs(found: Identification, one: TriedChange) -> Iterato
         if run.entry.role != "validate" or log is None or one.fault is None:
             continue
         for fault in faults(log):
-            if fault.kind == one.kind in ("stuck position", "clipped torque") and fault.channel in one.indices:
+            same = (fault.kind, fault.channel) == (one.fault.kind, one.fault.channel)
+            if same and fault.kind in ("stuck position", "clipped torque"):
                 ranges = _ranges(np.asarray(log.t), fault.samples)
                 yield Edit("study", "exclude", ("all logs", number), ranges)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from haptid.advice.action import Action
 from haptid.advice.bodies import SHOWS, Impossible
-from haptid.advice.edits import Edit
+from haptid.advice.edits import gain_edits
 from haptid.advice.search import LARGE_GAIN, LEAST_SE, Proven, Trials, large_enough, paired, unseen_percent
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.inference.diagnosis.finding import joined_names
@@ -68,7 +68,7 @@ def sign_actions(
         names = list(dict.fromkeys(name for one in group for name in one.names))
         channel = "channel" if len(group) == 1 else "channels"
         change = f"reverse the torque or the position {channel} of {joined_names(labels)}, whose {joined_names(names)} "
-        edits = tuple(Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, one.motor) for one in group)
+        edits = tuple(edit for one in group for edit in gain_edits(search, one.motor, -1.0))
         bench, model = _with_reversed(search, group), search.model
         trial = bench.run(_REVERSED)
         made = gain(base, trial)

@@ -17,6 +17,7 @@ from haptid.advice.contact import at_rest, contact, elsewhere
 from haptid.advice.recorder import ChannelFault, faults, rounded_rows, simulated_rows
 from haptid.advice.rows import BaseRows, TrialRows
 from haptid.advice.spoiled import SpoiledPart
+from haptid.advice.torque_channels import TorqueChannels, torque_channels
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.method import FREE_SHARE
@@ -27,7 +28,6 @@ from haptid.inference.diagnosis.lack_of_fit import (
     fourier_sums,
     friction_coordinates,
 )
-from haptid.motion.channels import torque_map
 from haptid.motion.motion import Motion
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 from haptid.uncertainty.distributions import t_tail
@@ -67,7 +67,7 @@ class TriedChange:
         places: where, in the order of `indices`.
         setting: what is fitted.
         sources: of its columns, if it has any.
-        indices: of motors, joints or friction coordinates.
+        indices: of motors (those of torque channels too), joints or friction coordinates.
         seconds: by which torques are shifted, s.
     """
 
@@ -115,6 +115,7 @@ class Trials:
         beta: the estimate, (p,).
         rows: with candidate columns.
         bench: trials.
+        torques: whose the torque channels are.
         candidates: all of them.
         faults: of the channels, by log.
         spoiled: parts of logs in which the model does not hold.
@@ -125,6 +126,7 @@ class Trials:
     beta: Array
     rows: TrialRows
     bench: Bench
+    torques: TorqueChannels
     candidates: tuple[TriedChange, ...]
     faults: tuple[tuple[int, ChannelFault], ...] = ()
     spoiled: tuple[SpoiledPart, ...] = ()
@@ -151,6 +153,10 @@ class Trials:
                 shares[one.kind] = shares.get(one.kind, 0.0) + share
         return max(shares.values(), default=0.0) > _EXPLAINS
 
+    def places_of(self, fault: ChannelFault) -> tuple[int, ...]:
+        """The position channel of a fault, or the motors into whose rows its torque channel enters."""
+        return (fault.channel,) if fault.kind == "stuck position" else self.torques.motors(fault.channel)
+
     def base(self, setting: Setting | None = None) -> Trial:
         return self.bench.run(setting or Setting())
 
@@ -171,18 +177,17 @@ def search_of(
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
     base = BaseRows.of(model, motions)
-    plain = base.with_columns(beta)
-    sources = list(_sources(model, places, rows, plain, beta)) if columns else []
-    change = scales(model, motions)
-    if change is not None and columns:
+    plain, torques = base.with_columns(beta), torque_channels(model, motions)
+    sources = list(_sources(model, places, torques, plain, beta)) if columns else []
+    if columns:
         of_channels = {(one.kind, one.channel): one for _, one in found}
-        sources += candidate_columns.clipped_channels(model, rows, change.tolist(), list(of_channels.values()))
+        sources += candidate_columns.clipped_channels(model, torques, list(of_channels.values()))
     lengths = list(candidate_columns.geometry(model)) if columns else []
     added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
     whole = base.with_columns(beta, added)
     weights = weights_of(whole, len(beta), beta)
     kept = np.array([k for k in range(len(beta)) if k not in zero])
-    bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions))
+    bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(torques))
     if columns:
         asked = (base, motions, beta, added, whole.blocks)
         bench = replace(
@@ -195,7 +200,7 @@ def search_of(
         setting = Setting(terms=(own,))
         made.append(TriedChange(source.kind, (source.place,), setting, (source,), (source.index,), what))
     labels = [model.device.row_labels[k] for k in rows]
-    measured = [k for k, row in enumerate(rows) if candidate_columns.of_channel(model, k, row)]
+    measured = [k for k in torques.measured if torques.of(k) is not None]
     for k, label in ((k, labels[k]) for k in measured):
         made.append(TriedChange("gain", (label,), Setting(free=(k,)), (), (k,)))
     for i, j in combinations(measured, 2):
@@ -205,20 +210,25 @@ def search_of(
             made.append(
                 TriedChange("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j))
             )
-    return Trials(model, motions, beta, whole, bench, _of_channels_in_use(made, whole), found)
+    return Trials(model, motions, beta, whole, bench, torques, _of_channels_in_use(made, whole), found)
 
 
 def _sources(
-    model: DynamicModel, places: Sequence[FrictionCoordinate], rows: Sequence[int], plain: TrialRows, beta: Array
+    model: DynamicModel,
+    places: Sequence[FrictionCoordinate],
+    torques: TorqueChannels,
+    plain: TrialRows,
+    beta: Array,
 ) -> Iterator[Source]:
     """Added columns that do not concern the geometry."""
+    rows = list(model.known_rows)
     ranges = candidate_columns.local_ranges(places, plain.position, plain.velocity)
     yield from candidate_columns.terms(model, places, ranges)
     coupled = coupled_coordinates(model, rows, places)
     ranges = candidate_columns.local_ranges(coupled, plain.position, plain.velocity)
     yield from (one for one in candidate_columns.terms(model, coupled, ranges) if one.kind in _OF_A_JOINT)
     low, high = float(plain.t.min()), float(plain.t.max())
-    yield from candidate_columns.channels(model, rows, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
+    yield from candidate_columns.channels(model, torques, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
     yield from candidate_columns.payload_steps(model, np.linspace(low, high, 13)[1:-1].tolist())
     residual = np.where(plain.used, plain.y - np.einsum("mrp,p->mr", plain.W, beta), 0.0)
     for k, place in enumerate(places):
@@ -250,25 +260,10 @@ def finer(motion: Motion) -> Motion:
     return replace(motion, treatment=replace(treatment, block_s=min(treatment.block_s, seconds / _MANY)))
 
 
-def scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
-    """Torque of each motor's row per unit of its channel, (motors,); None where rows mix channels."""
-    if motions[0].log is None:
-        return np.ones(len(model.known_rows))
-    if model.device.drive_varies.any():
-        return None
-    change = torque_map(model.device, motions[0].log)[list(model.measured_rows)]
-    square = change.shape[0] == change.shape[1]
-    if not square or np.count_nonzero(change - np.diag(np.diag(change))):
-        return None
-    made = np.ones(len(model.known_rows))  # a free joint has no channel
-    made[np.isin(model.known_rows, model.measured_rows)] = np.diag(change)
-    return made
-
-
-def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
+def _channel_factors(torques: TorqueChannels) -> Array:
     """Torque of each motor per torque of another motor if its channel were this one's; zero where rows mix channels."""
-    change = scales(model, motions)
-    return np.eye(len(model.known_rows)) if change is None else change[:, None] / change
+    change = torques.scales
+    return np.eye(len(torques.enters)) if change is None else change[:, None] / change
 
 
 def unseen_percent(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> float:
@@ -338,7 +333,7 @@ def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: n
     total = 1.0 - trial.total / (1.0 - share) / base.total
     shows = one.fault is not None and one.kind != "noise alone"
     harmless = shows and made.share > -LEAST_SE * made.se
-    dead = one.kind == "dead torque" and _unseen(search, base)[one.indices[0]] > DEAD_ERROR
+    dead = one.kind == "dead torque" and _unseen(search, base)[list(one.indices)].max() > DEAD_ERROR
     helps = made.p < SIGNIFICANCE / 4 and large_enough(made)
     if not (helps or dead or (harmless and total > LEAST_GAIN)):
         return None
@@ -363,14 +358,15 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
     for log, fault in search.faults:
         if fault.kind in ("coarse torque", "clipped torque"):
             continue
-        mask = np.ones(rows.used.shape, dtype=bool)
+        mask, which = np.ones(rows.used.shape, dtype=bool), search.places_of(fault)
         touched = _touched(search, log, fault.samples)
-        which = slice(None) if fault.kind == "stuck position" else slice(fault.channel, fault.channel + 1)
-        mask[which, touched] = False
-        position = fault.kind == "stuck position"
-        names = [model.device.joints[j].name for j in model.device.active] if position else model.device.row_names
-        label = f"{'joint' if position else model.device.torque_rows} {names[fault.channel]}"
-        yield TriedChange(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
+        if fault.kind == "stuck position":
+            mask[:, touched] = False
+            labels = tuple(f"joint {model.device.joints[model.device.active[k]].name}" for k in which)
+        else:
+            mask[list(which)] &= ~touched
+            labels = tuple(model.device.row_labels[model.known_rows[k]] for k in which)
+        yield TriedChange(fault.kind, labels, Setting(rows="clean"), indices=which, fault=fault), mask
     for part in search.spoiled:
         mask = np.broadcast_to(~_touched(search, part.log, part.samples), rows.used.shape)
         yield TriedChange(part.kind, part.places, Setting(rows="clean"), indices=(part.log,)), mask

@@ -1,0 +1,71 @@
+"""Torque channels of a log by motor.
+
+Advice numbers motors as the rows of known torque, a joint that nothing drives among them: its row has zero torque, and
+no channel. Channels are numbered as the log has them. Nothing else relates the two numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.motion.channels import torque_map
+from haptid.motion.motion import Motion
+
+# Share of the largest entry of the map from channels to rows below which one is rounding.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueChannels:
+    """Which channel is whose.
+
+    Attributes:
+        enters: whether a channel enters a motor's row, (motors, channels).
+        measured: motors whose torque is measured.
+        scales: torque of each motor's row per unit of its channel, 1 where it has none, (motors,); None where rows mix
+            channels, or the factor varies with the pose.
+    """
+
+    enters: np.ndarray
+    measured: tuple[int, ...]
+    scales: Array | None
+
+    def of(self, motor: int) -> int | None:
+        """The channel of a motor; None where it has none of its own."""
+        (own,) = np.nonzero(self.enters[motor])
+        return int(own[0]) if len(own) == 1 and self.enters[:, own[0]].sum() == 1 else None
+
+    def motors(self, channel: int) -> tuple[int, ...]:
+        """Motors whose rows a channel enters."""
+        return tuple(np.flatnonzero(self.enters[:, channel]).tolist())
+
+
+def torque_channels(model: DynamicModel, motions: Sequence[Motion]) -> TorqueChannels:
+    """Whose the torque channels of logs are.
+
+    Args:
+        model: of the device.
+        motions: of one fit, with the same channels.
+    """
+    known, log = np.array(model.known_rows), motions[0].log
+    measured = np.flatnonzero(np.isin(known, model.measured_rows))
+    change = np.zeros((len(known), motions[0].tau.shape[1]))
+    varies = log is not None and bool(model.device.drive_varies.any())
+    if log is None or varies:  # channels are in the order of the rows
+        change[measured, np.arange(len(measured))] = 1.0
+    else:
+        change[measured] = torque_map(model.device, log)[list(model.measured_rows)]
+    enters = np.abs(change) > _ROUNDING * np.abs(change).max(initial=0.0)
+    found = TorqueChannels(enters, tuple(measured.tolist()), None)
+    own = {motor: found.of(motor) for motor in found.measured}
+    if varies or None in own.values():
+        return found
+    scales = np.ones(len(known))
+    for motor, channel in own.items():
+        scales[motor] = change[motor, channel]
+    return TorqueChannels(enters, found.measured, scales)
