@@ -64,6 +64,11 @@ CAUSES = {
         "payload",
         Case(90211116, "pendulum", 500, 12, 1.748, 5, bits=15, friction=0.1, level=0.005051, delay=0.5),
     ),
+    # Faster than the motion, so that the proposed filter passed hardly any of either.
+    "a ripple behind a low filter": (
+        "ripple",
+        Case(90211097, "pendulum", 250, 30, 0.6778, 3, bits=14, friction=0.3, level=0.01366, delay=0.5),
+    ),
     # The only position, held while the torque goes on.
     "a stuck position": (
         "stuck",

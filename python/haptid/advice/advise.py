@@ -8,7 +8,7 @@ from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
 from haptid.advice.bodies import right_signs
 from haptid.advice.clash import clash, whole_reversed
-from haptid.advice.conventions import OtherCounts, other_counts
+from haptid.advice.conventions import OtherCounts, other_counts, with_all_motion
 from haptid.advice.delays import COMMON_DELAY, TIME_SHIFT
 from haptid.advice.edits import Edit, edits_in_validation_logs, edits_of, gain_edits
 from haptid.advice.filters import OtherFilter, other_filter
@@ -36,6 +36,7 @@ from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.plausibility import GOOD, confusions
 from haptid.inference.diagnosis.subsample import subsample
+from haptid.motion.motion import Motion
 from haptid.study.identify import Identification
 from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
 
@@ -75,8 +76,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((side,), side.before, side.after, (), 1)
     try:
         other = _filter(found, part)
-        tried = other.motions if other else motions
-        first = sought(found.model, part, tried, part.beta, found.proposal.delays is None, changed=other is not None)
+        tried = other.motions if other else _with_their_motion(found, motions)
+        first = sought(found.model, part, tried, part.beta, found.proposal.delays is None, changed=tried is not motions)
         now = behind(first, part, tried)
     except HaptidError as error:
         return Advice((), 0.0, 0.0, (f"No action could be tried: {error}",), 0)
@@ -178,6 +179,18 @@ def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
     if not given and max((v.relative for v in found.unseen), default=0.0) < LARGE_ERROR:
         return None  # the proposal has compared them
     return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
+
+
+def _with_their_motion(found: Identification, motions: Sequence[Motion]) -> Sequence[Motion]:
+    """The motions behind filters that pass all of it, where the proposed one passes less; else as they are.
+
+    What a wrong model leaves looks like noise, and so low a filter better: behind it the cause hardly shows.
+    """
+    bandwidth = found.proposal.bandwidth_hz
+    given = not {"cutoff_hz", "parallel_cutoff_hz"}.isdisjoint(found.study.treatment)
+    if given or (found.proposal.treatment.parallel_cutoff_hz or bandwidth) >= bandwidth:
+        return motions
+    return [with_all_motion(motion, bandwidth) for motion in motions]
 
 
 def _side(found: Identification, part: Estimate) -> Action | None:

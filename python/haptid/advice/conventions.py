@@ -101,7 +101,7 @@ def other_counts(
     directed = one_to_one(model, motions)
     chosen: tuple[Count, ...] = (_SAME,) * len(turning)
     # Delayed once: each trial would compute all torques of a long log again.
-    now = [_counted(undelayed(finer(_with_all_motion(motion, bandwidth_hz))), chosen) for motion in motions]
+    now = [_counted(undelayed(finer(with_all_motion(motion, bandwidth_hz))), chosen) for motion in motions]
     most = min(_SAMPLES, _ROWS * max(motion.treatment.decimation for motion in now))
     rows = first = trial_rows(model, now, beta, most=most)
     tried, rivals = 0, list[str]()
@@ -185,7 +185,7 @@ def _best(steps: Sequence[_Step]) -> tuple[_Step, list[_Step]]:
     return best, [one for one in alike if one is not best]
 
 
-def _with_all_motion(motion: Motion, bandwidth_hz: float) -> Motion:
+def with_all_motion(motion: Motion, bandwidth_hz: float) -> Motion:
     """The motion behind filters that pass all of it: for a wrong model a lower one seems better."""
     now = motion.treatment
     if motion.log is None or now.cutoff_hz is None or not now.parallel_cutoff_hz:
