@@ -98,6 +98,18 @@ class Spectrum:
         """RMS of the motion, rad or m."""
         return float(np.sqrt(np.sum(self.motion) * (self.f[1] - self.f[0])))
 
+    def white(self, dt: float) -> float:
+        """Variance of the white noise of a sample, rad^2 or m^2: of rounding, or what is found far above the motion.
+
+        Positions of a fine encoder seldom recur, and then its step is not known.
+
+        Args:
+            dt: sampling period, s.
+        """
+        if self.step or self.recorded:
+            return (self.step or self.recorded) ** 2 / 12
+        return float(np.median(self.noise[self.f > 0.5 * self.f[-1]])) / (2 * dt)
+
     def narrowed(self) -> Spectrum:
         """The same with only the bulk of the position's power as motion, and all above as noise.
 

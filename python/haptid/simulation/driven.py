@@ -84,6 +84,7 @@ class DrivenJoints:
         motion: whose positions contain those of the motors; those of the other joints are the first approximation.
         segments: the segments; all but the first begin at a sample that another one has as its own.
         base: maps base parameters to the core's columns, (r, p).
+        every: samples of the motion in a step of the simulation; samples below are those at which steps begin.
         meets: whether the segments of the last course did, so far that what is left matters less than its error.
     """
 
@@ -91,22 +92,32 @@ class DrivenJoints:
     motion: Motion
     segments: Segments
     base: Array
+    every: int = 1
     meets: bool = field(default=False, init=False)
     _begin: Array | None = field(default=None, init=False)
     _by_beta: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
     _at: Array = field(default_factory=lambda: np.zeros(0), init=False)
 
     def __post_init__(self) -> None:
-        device = self.model.device
+        device, every = self.model.device, self.every
         change = position_map(device, self.motion)
         to_joints = np.linalg.inv(device.row_map)
-        rates = (self.motion.q, self.motion.qd, self.motion.qdd)
-        self._qa = [to_joints @ change(np.ascontiguousarray(x[:].T)) for x in rates]
+        self.step = every * float(self.motion.dt)
         self._B = np.asarray(device.row_map)
         self.unknown = unloaded_joints(self.model)
+        # Of the joints without motor the first approximation; of all others the coordinates that they move.
+        rates = (self.motion.q, self.motion.qd, self.motion.qdd)
+        qa = np.array([to_joints @ change(np.ascontiguousarray(x[:][::every].T)) for x in rates])
+        self._first_motion = qa[:, self.unknown]
+        qa[:, self.unknown] = 0.0
+        self._carried = self._B @ qa
+        begins = np.arange(qa.shape[2])
+        self._midway = _between(self._carried, begins, 0.5, self.step)
+        own = self._B[:, self.unknown]
+        self._projection = np.kron(own, own)
         # Places of the motors' rows, and the measured torque of every row, (n, samples), N m or N.
         self.motors = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
-        self.measured = coordinate_torque(device, self.motion, 0, len(self.motion))
+        self.measured = coordinate_torque(device, self.motion, 0, len(self.motion))[:, ::every]
         self._handed = self._handovers()
 
     def course(self, beta: Array) -> DrivenCourse:
@@ -134,46 +145,34 @@ class DrivenJoints:
 
     def inertia(self, beta: Array) -> Array:
         """Mean mass matrix of the joints without motor where segments begin, (u, u)."""
-        known = self._known(self.segments.sample[0])
-        c = self._coordinates(known, *(part[self.unknown] for part in known))[0]
+        begins = self.segments.sample[0]
+        c = self._coordinates(self._known(begins), *self._first_motion[:, :, begins])[0]
         return np.asarray(self._projected(ForwardDynamics(self.model, self.base @ beta).mass(c)).mean(axis=0))
 
-    def _known(self, sample: np.ndarray, share: float = 0.0) -> list[Array]:
-        """Motion of all active joints, each (active, segments); at a share of the step behind a sample.
+    def _known(self, sample: np.ndarray, share: float = 0.0) -> Array:
+        """What the measured motion moves the coordinates by, (3, n, states); at a share of the step behind a sample."""
+        if share == 0.5:
+            return self._midway[:, :, sample]
+        if share == 1.0:
+            sample, share = np.minimum(sample + 1, self._carried.shape[2] - 1), 0.0
+        return _between(self._carried, sample, share, self.step) if share else self._carried[:, :, sample]
 
-        Cubic Hermite interpolation; of joints without motor it is not used.
-        """
-        q, v, a = self._qa
-        if not share:
-            return [x[:, sample] for x in self._qa]
-        after, h = np.minimum(sample + 1, q.shape[1] - 1), self.motion.dt
-        return [
-            _hermite(q, v, sample, after, share, h),
-            _hermite(v, a, sample, after, share, h),
-            (1 - share) * a[:, sample] + share * a[:, after],
-        ]
-
-    def _rows(self, forward: ForwardDynamics, known: list[Array], x: Array, v: Array) -> tuple[Array, Array]:
+    def _rows(self, forward: ForwardDynamics, known: Array, x: Array, v: Array) -> tuple[Array, Array]:
         """M of the unknown joints, (states, u, u), and their torque without own acceleration, (states, u)."""
         c, cd, cdd = self._coordinates(known, x, v, np.zeros_like(x))
         M = self._projected(forward.mass(c))
-        return M, (self._B.T @ forward.inverse(c, cd, cdd))[self.unknown].T
+        return M, (self._B[:, self.unknown].T @ forward.inverse(c, cd, cdd)).T
 
-    def _coordinates(self, known: list[Array], x: Array, v: Array, a: Array) -> list[Array]:
-        """The rows' coordinates, velocities and accelerations, each (n, states)."""
-        coordinates = []
-        for measured, own in zip(known, (x, v, a), strict=True):
-            qa = measured.copy()
-            qa[self.unknown] = own
-            coordinates.append(np.ascontiguousarray(self._B @ qa))
-        return coordinates
+    def _coordinates(self, known: Array, x: Array, v: Array, a: Array) -> Array:
+        """The rows' coordinates, velocities and accelerations, (3, n, states)."""
+        return np.asarray(known + self._B[:, self.unknown] @ np.array([x, v, a]))
 
     def _projected(self, matrix: Array) -> Array:
         """Rows and columns of the unknown joints, (states, u, u), of a matrix of the coordinates, (states, n, n)."""
-        B = self._B[:, self.unknown]
-        return np.asarray(B.T @ matrix @ B)
+        u = len(self.unknown)
+        return np.asarray((matrix.reshape(len(matrix), -1) @ self._projection).reshape(-1, u, u))
 
-    def _acceleration(self, forward: ForwardDynamics, known: list[Array], x: Array, v: Array) -> Array:
+    def _acceleration(self, forward: ForwardDynamics, known: Array, x: Array, v: Array) -> Array:
         M, h = self._rows(forward, known, x, v)
         try:
             return np.asarray(-np.linalg.solve(M, h[:, :, None])[:, :, 0].T)
@@ -183,11 +182,11 @@ class DrivenJoints:
     def _settled(self, forward: ForwardDynamics, sample: np.ndarray) -> Array:
         """States at samples without vibration, (samples, 2u): the torsion carries the links."""
         known = self._known(sample)
-        x, v, a = (part[self.unknown].copy() for part in known)
+        x, v, a = self._first_motion[:, :, sample].copy()
         for _ in range(_SETTLING):
             c, cd, cdd = self._coordinates(known, x, v, a)
             stiffness = self._projected(forward.gradients(c, cd, cdd)[0])
-            h = (self._B.T @ forward.inverse(c, cd, cdd))[self.unknown].T
+            h = (self._B[:, self.unknown].T @ forward.inverse(c, cd, cdd)).T
             try:
                 x -= np.linalg.solve(stiffness, h[:, :, None])[:, :, 0].T
             except np.linalg.LinAlgError:
@@ -209,7 +208,7 @@ class DrivenJoints:
         Dry friction near reversals is integrated in smaller steps.
         """
         x, v = np.split(begin.T, 2)
-        h, steps = self.motion.dt, len(self.segments.sample)
+        h, steps = self.step, len(self.segments.sample)
         parts = self._parts(forward, x)
         states = np.empty((steps, 3, *x.shape))
         for k in range(steps):
@@ -235,7 +234,7 @@ class DrivenJoints:
         self, forward: ForwardDynamics, sample: np.ndarray, now: tuple[Array, Array, Array], parts: int
     ) -> tuple[Array, Array]:
         """One sampling period in equal steps, from positions, velocities and accelerations."""
-        h, (x, v, a1) = self.motion.dt / parts, now
+        h, (x, v, a1) = self.step / parts, now
         for part in range(parts):
             middle, after = (self._known(sample, (part + share) / parts) for share in (0.5, 1.0))
             v2 = v + 0.5 * h * a1
@@ -252,14 +251,14 @@ class DrivenJoints:
     def _parts(self, forward: ForwardDynamics, x: Array) -> int:
         """Steps in a sampling period in which smoothed dry friction is stable."""
         still = np.zeros_like(x)
-        known = [part * (k == 0) for k, part in enumerate(self._known(self.segments.sample[0]))]
+        known = self._known(self.segments.sample[0]) * np.array([1.0, 0.0, 0.0])[:, None, None]
         c, cd, cdd = self._coordinates(known, x, still, still)
         M, damping = self._projected(forward.mass(c)), self._projected(forward.gradients(c, cd, cdd)[1])
         rate = float(np.abs(np.linalg.eigvals(np.linalg.solve(M, damping))).max(initial=0.0))
-        return max(1, int(np.ceil(self.motion.dt * rate / STABLE)))
+        return max(1, int(np.ceil(self.step * rate / STABLE)))
 
     def _diverged(self, step: int, v: Array) -> SimulationError:
-        time = self.motion.t0 + self.motion.dt * int(self.segments.sample[step, int(np.abs(v).max(axis=0).argmax())])
+        time = self.motion.t0 + self.step * int(self.segments.sample[step, int(np.abs(v).max(axis=0).argmax())])
         return SimulationError(
             f"the simulated joints behind springs diverge at {time:.3f} s (limit {FASTEST:g} rad/s or m/s).",
             where=time,
@@ -271,7 +270,7 @@ class DrivenJoints:
     def _linearised(self, forward: ForwardDynamics, begin: Array, states: Array) -> SegmentCourses:
         """Torques and their derivatives, from the variational equations by the trapezoidal rule."""
         steps, u, count, p = len(states), len(self.unknown), states.shape[3], self.base.shape[1]
-        n, h, B = len(self._B), self.motion.dt, self._B[:, self.unknown]
+        n, h, B = len(self._B), self.step, self._B[:, self.unknown]
         X = np.tile(np.concatenate([np.zeros((2 * u, p)), np.eye(2 * u)], axis=1), (count, 1, 1))
         result = np.empty((n, 4 + p + 2 * u, self.segments.samples))
         met, by_all = begin.copy(), X.copy()
@@ -400,11 +399,17 @@ def _transitions(F: Array, b: Array, h: float) -> tuple[Array, Array]:
     return np.concatenate([upper, lower], axis=-2), np.concatenate([0.5 * h * offset, offset], axis=-2)
 
 
-def _hermite(y: Array, rate: Array, before: np.ndarray, after: np.ndarray, share: float, h: float) -> Array:
-    """Cubic interpolation between two samples, from values and rates."""
+def _between(motion: Array, sample: np.ndarray, share: float, h: float) -> Array:
+    """Positions, velocities and accelerations, (3, n, states), at a share of the step h behind samples of (3, n, all).
+
+    Cubic Hermite interpolation of the first two, linear of accelerations.
+    """
     s, t = share, 1 - share
-    ends = t * t * (1 + 2 * s) * y[:, before] + s * s * (1 + 2 * t) * y[:, after]
-    return np.asarray(ends + h * s * t * (t * rate[:, before] - s * rate[:, after]))
+    before, after = motion[:, :, sample], motion[:, :, np.minimum(sample + 1, motion.shape[2] - 1)]
+    made = t * before + s * after
+    ends = t * t * (1 + 2 * s) * before[:2] + s * s * (1 + 2 * t) * after[:2]
+    made[:2] = ends + h * s * t * (t * before[1:] - s * after[1:])
+    return np.asarray(made)
 
 
 def unloaded_joints(model: DynamicModel) -> np.ndarray:

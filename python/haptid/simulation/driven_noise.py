@@ -50,21 +50,31 @@ def noise_moments(
     spread = (np.linalg.inv(B) @ position_map(device, motion)(channels))[known] * np.sqrt(variance)
     spread = spread[:, spread.any(axis=0)]
     parts = [_impedances(ForwardDynamics(model, base[:, k]), c, cd, cdd, B) for k in range(len(beta))]
-    N, b = np.zeros((len(B), len(beta), len(beta))), np.zeros((len(B), len(beta)))
+    K, D, M = (np.array(part).transpose(1, 0, 2, 3) for part in zip(*parts, strict=True))  # (poses, p, rows, joints)
+    n, p = len(B), len(beta)
+    N, b = np.zeros((n, p, p)), np.zeros((n, p))
     for w, weight in zip(2 * np.pi * f, power, strict=True):
-        stiffness = np.array([K + 1j * w * D - w**2 * M for K, D, M in parts])  # (p, poses, rows, joints)
-        A = np.tensordot(beta, stiffness, 1)
+        by_beta = K + 1j * w * D - w**2 * M
+        A = np.tensordot(by_beta, beta, (1, 0))
         own = B[:, unknown].T
-        inverse = np.linalg.inv(own @ A[:, :, unknown])
-        x = -inverse @ (own @ (A[:, :, known] @ spread))
-        v = np.zeros((len(samples), len(B), spread.shape[1]), dtype=complex)
-        v[:, known], v[:, unknown] = spread, x
-        H = A @ v
-        direct = stiffness @ v
-        dH = direct - A[:, :, unknown] @ (inverse @ (own @ direct))
-        N += weight * np.einsum("pnkj,qnkj->kpq", dH.conj(), dH).real / len(samples)
-        b += weight * np.einsum("pnkj,nkj->kp", dH.conj(), H).real / len(samples)
+        back = np.linalg.inv(own @ A[:, :, unknown]) @ own  # motion of the unknown joints by torque of the rows
+        v = np.zeros((len(samples), n, spread.shape[1]), dtype=complex)
+        v[:, known] = spread
+        v[:, unknown] = -back @ (A[:, :, known] @ spread)
+        direct = by_beta.reshape(len(samples), p * n, n) @ v
+        # (poses, rows, p, channels), what the unknown joints do about it added.
+        direct = direct.reshape(len(samples), p, n, -1).transpose(0, 2, 1, 3).reshape(len(samples), n, -1)
+        dH = direct - A[:, :, unknown] @ (back @ direct)
+        seen = _real(dH.reshape(len(samples), n, p, -1).transpose(1, 2, 0, 3).reshape(n, p, -1))
+        own_noise = _real((A @ v).transpose(1, 0, 2).reshape(n, 1, -1))
+        N += weight / len(samples) * seen @ seen.transpose(0, 2, 1)
+        b += weight / len(samples) * (seen @ own_noise.transpose(0, 2, 1))[:, :, 0]
     return N, b
+
+
+def _real(x: np.ndarray) -> Array:
+    """Real and imaginary parts, one behind the other in the last dimension."""
+    return np.concatenate([x.real, x.imag], axis=-1)
 
 
 def _impedances(forward: ForwardDynamics, c: Array, cd: Array, cdd: Array, B: Array) -> tuple[Array, Array, Array]:

@@ -32,8 +32,9 @@ _STAYS = 0.4
 _DAMPING, _ROTOR = 0.03, 0.1
 # Least eigenvalue of the links' mass matrix, over the largest: that of a rigid fit need not be positive.
 _LEAST_MASS = 1e-2
-# Length of a segment, periods of the bandwidth, and its fewest samples.
-_PERIODS, _SAMPLES = 1.5, 20
+# Length of a segment, periods of the bandwidth, and its fewest steps. Steps in a period of the bandwidth, at least: ten
+# in one of the highest frequency that a fit begins with.
+_PERIODS, _LEAST, _PER_PERIOD = 1.5, 20, 40
 # Most steps, the least relative fall of the misfit in one, and how Marquardt's parameter begins, falls, rises and ends.
 _STEPS, _FALL = 40, 1e-3
 _MARQUARDT, _LOWER, _RAISE, _LARGEST = 1e-2, 0.2, 10.0, 1e6
@@ -105,10 +106,10 @@ def spring_start(
     Raises:
         SimulationError: the links cannot be simulated from any of the frequencies.
     """
-    length = max(_SAMPLES, round(_PERIODS / bandwidth / motion.dt))
-    joints = DrivenJoints(
-        smooth(model, [motion], friction), motion, Segments.of(len(motion), length, 1), base_columns(model)
-    )
+    every = max(1, int(1 / (_PER_PERIOD * bandwidth * motion.dt)))
+    length = max(_LEAST, round(_PERIODS / bandwidth / (every * motion.dt)))
+    segments = Segments.of(-(-len(motion) // every), length, 1)
+    joints = DrivenJoints(smooth(model, [motion], friction), motion, segments, base_columns(model), every)
     best: SpringStart | None = None
     failed: SimulationError | None = None
     starts = [np.full(len(model.device.elastic), times * bandwidth) for times in _TRIED]

@@ -131,7 +131,7 @@ def _moments(fitted: Estimate) -> tuple[Array, Array, Array]:
     for motion in rows.motions:
         if motion.log is None:
             continue
-        variance = np.array([spectrum.step**2 / 12 for spectrum in spectra(motion.log)])
+        variance = np.array([spectrum.white(float(motion.log.dt)) for spectrum in spectra(motion.log)])
         information, score = noise_moments(smoothed, base, fitted.beta, motion, variance)
         own = [k for k, block in enumerate(rows.blocks) if block.log == motion.name]
         for motor, weight in zip(rows.motors, fitted.fit.weights, strict=True):
