@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import ndimage, signal, stats
+from scipy import fft, ndimage, signal, stats
 
 from haptid._internal import signals
 from haptid.observation.filtering import decimate
@@ -35,6 +35,11 @@ def test_a_constant_passes_both_ways_unchanged():
 def test_polynomial_filter(order):
     x = np.cumsum(RNG.normal(size=(200, 2)), axis=0)
     assert np.allclose(signals.polynomial_filter(x, 15, 3, order), signal.savgol_filter(x, 15, 3, order, axis=0))
+
+
+def test_lengths_whose_transform_is_fast():
+    lengths = [*range(1, 2000), 40_001, 1_000_003]
+    assert [signals.fast_length(n) for n in lengths] == [fft.next_fast_len(n, real=True) for n in lengths]
 
 
 @pytest.mark.parametrize(("n", "length"), [(1, 1), (2, 1), (2, 2), (30, 7), (30, 8), (30, 30), (1500, 101)])

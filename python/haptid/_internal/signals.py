@@ -11,7 +11,7 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 from scipy.linalg import blas
 
 from haptid._internal.arrays import Array, freeze
@@ -159,6 +159,20 @@ def paired_sums(x: Array, weights: Array | tuple[float, ...]) -> Array:
         after = x[2 * half - k : 2 * half - k + count]
         sums += (x[k : k + count] + after if symmetric else x[k : k + count] - after) * w[k]
     return sums
+
+
+@lru_cache(maxsize=64)
+def fast_length(n: int) -> int:
+    """Least length, of `n` at least, whose only prime factors are 2, 3 and 5: its real Fourier transform is fast."""
+    best = 1 << max(n - 1, 0).bit_length()
+    fives = 1
+    while fives < best:
+        odd = fives
+        while odd < best:
+            best = min(best, odd << (-(-n // odd) - 1).bit_length())
+            odd *= 3
+        fives *= 5
+    return best
 
 
 def running_maximum(x: Array, length: int) -> Array:

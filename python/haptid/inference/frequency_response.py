@@ -14,9 +14,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.signals import fast_length
 from haptid.dynamics.counterparts import with_stiff_springs
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.inverse import raw_parameters
@@ -312,7 +313,7 @@ def _repetition(C: Array, most: int) -> tuple[int, float]:
     x = C - C.mean(axis=1, keepdims=True)
     n, scale = x.shape[1], x.var(axis=1, keepdims=True)
     x = x / np.sqrt(np.where(scale > 0, scale, 1.0))  # it may be 0 in part of a log
-    size = fft.next_fast_len(2 * n, real=True)
+    size = fast_length(2 * n)
     products = fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[:, :n].sum(axis=0)
     power = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=0))])
     lag = np.arange(n)

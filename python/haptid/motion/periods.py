@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import fast_length
 from haptid.motion.motion import Motion
 
 # Mean square of what changes in a period, over twice the positions' own, below which a motion repeats itself; and above
@@ -58,7 +59,7 @@ def motion_period(motion: Motion) -> float | None:
 def _differences(x: Array) -> Array:
     """Mean square of x(t + lag) - x(t) over twice that of x, of all lags, (channels, n) to (n,); its worst channel."""
     n = x.shape[1]
-    size = fft.next_fast_len(2 * n, real=True)
+    size = fast_length(2 * n)
     overlap = n - np.arange(n)
     worst = np.zeros(n)
     for channel in x:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import fast_length
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.least_squares import Solution
@@ -55,7 +56,7 @@ def _integral(e: Array) -> float:
     if used.sum() < 2 * _FARTHEST:
         return 1.0
     centred = np.where(used, e - e[used].mean(), 0.0)
-    size = fft.next_fast_len(2 * len(e), real=True)
+    size = fast_length(2 * len(e))
     r = fft.irfft(np.abs(fft.rfft(centred, size)) ** 2, size)[: len(e) // _FARTHEST + 1]
     if r[0] <= 0:
         return 1.0

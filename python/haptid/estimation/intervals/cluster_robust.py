@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import fft
 
 from haptid._internal.arrays import Array, whole
 from haptid.errors import setting_error
@@ -138,7 +137,8 @@ class FixedB:
         series = np.zeros((len(times), len(own)))
         np.add.at(series, time_of, moments.leave_out_shifts @ own.T)  # corrected for leverage, as in the jackknife
         count = min(max(_FEWEST_COSINES, round(self.share * len(times))), max(1, len(times) - 1))
-        cosines = fft.dct(series, 2, norm="ortho", axis=0)[1 : count + 1]
+        places = np.pi * (np.arange(len(times)) + 0.5) / len(times)
+        cosines = np.sqrt(2.0 / len(times)) * np.cos(np.arange(1, count + 1)[:, None] * places) @ series
         covariance = len(times) / count * cosines.T @ cosines
         if fit.solution.pull is not None:
             prior = own @ fit.solution.pull.T

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array, read_only
+from haptid._internal.signals import fast_length
 from haptid.estimation.intervals.covariance import Spread
 from haptid.estimation.method import Fit, expect_whole
 from haptid.observation.rows import Rows
@@ -79,7 +80,7 @@ def _middle(rows: Rows, fit: Fit, models: Sequence[Autoregression]) -> Array:
     k = fit.solution.root.shape[1]
     middle = np.zeros((k, k))
     for chunk in rows:
-        length = fft.next_fast_len(2 * chunk.y.shape[1], real=True)
+        length = fast_length(2 * chunk.y.shape[1])
         once = np.full(length // 2 + 1, 2.0)
         once[0] = 1.0
         if length % 2 == 0:
@@ -129,7 +130,7 @@ class Autoregression:
 
     def spectrum(self, length: int) -> Array:
         """Power at each frequency of a real Fourier transform of `length` rows, (length // 2 + 1,)."""
-        return np.asarray(self.powers[-1] / np.abs(np.fft.rfft(self.filters[-1], length)) ** 2)
+        return np.asarray(self.powers[-1] / np.abs(fft.rfft(self.filters[-1], length)) ** 2)
 
 
 def burg(parts: Sequence[Array], most: int) -> Autoregression:

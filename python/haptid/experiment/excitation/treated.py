@@ -11,9 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import fast_length
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MotionTooShortError
 from haptid.estimation.estimate import Estimate
@@ -81,7 +82,7 @@ class TreatedNoise:
         A, M = np.zeros((2, len(model.base), len(model.base)))
         for start, stop in plan.segments():
             for W, own, variance in zip(Chunk.of(plan, start, stop).W, self.models, self.variances, strict=True):
-                length = fft.next_fast_len(2 * len(W), real=True)
+                length = fast_length(2 * len(W))
                 once = np.full(length // 2 + 1, 2.0)
                 once[0] = 1.0
                 once[-1] -= 1.0 - length % 2  # the Nyquist frequency, which even lengths have, has no counterpart

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.signals import fast_length
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
@@ -194,7 +195,7 @@ def autocorrelation(e: Array, lags: int) -> tuple[Array, np.ndarray]:
     x = np.where(known, e - np.nanmean(e), 0.0)
     lags = min(lags, len(x) - 1)
     power = max(float(x @ x), np.finfo(float).tiny)
-    size = fft.next_fast_len(len(x) + lags, real=True)  # so long that no lag wraps round
+    size = fast_length(len(x) + lags)  # so long that no lag wraps round
     spectrum = np.abs(fft.rfft(np.stack([x, known.astype(float)]), size)) ** 2
     products, pairs = fft.irfft(spectrum, size)[:, : lags + 1]
     return products / power, np.rint(pairs).astype(int)
