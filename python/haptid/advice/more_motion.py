@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -111,20 +112,26 @@ def more_motion(estimate: Estimate) -> MoreMotion | None:
     # What the noise's serial correlation, and misfit, add to the standard errors of these rows.
     factor = se / np.maximum(_se(first * seconds, poor), np.finfo(float).tiny)
     target = QUOTABLE / 100 * beta
-    times = [
-        _time(lambda T, J=J: bool((factor * _se(first * seconds + J * T, poor) <= target).all()), seconds)
-        for _, _, J, _ in tried
-    ]
-    best = min((k for k in range(len(tried)) if tried[k][3] < _TORQUE), key=lambda k: times[k])
-    if times[best] > _SHORTER * times[0]:
-        best = 0
-    if not np.isfinite(times[best]):
+
+    def reached(J: Array, T: float) -> bool:
+        return bool((factor * _se(first * seconds + J * T, poor) <= target).all())
+
+    same = _time(partial(reached, first), seconds)
+    best, shortest = tried[0], same
+    for other in tried[1:]:
+        J, torque = other[2:]
+        longest = min(shortest, _LONGEST * seconds)
+        if torque < _TORQUE and reached(J, longest) and (time := _time(partial(reached, J), seconds)) < shortest:
+            best, shortest = other, time
+    if shortest > _SHORTER * same:
+        best, shortest = tried[0], same
+    if not np.isfinite(shortest):
         return None
-    stroke, speed, J, torque = tried[best]
-    after = factor * _se(first * seconds + J * times[best], poor)
+    stroke, speed, J, torque = best
+    after = factor * _se(first * seconds + J * shortest, poor)
     half = np.diff(estimate.conf_int(), axis=1)[poor, 0] / 2
     widths = (tuple((100 * half / beta).tolist()), tuple((100 * half / beta * after / se).tolist()))
-    return MoreMotion(stroke, speed, times[best], times[0], torque, tuple(names), *widths)
+    return MoreMotion(stroke, speed, shortest, same, torque, tuple(names), *widths)
 
 
 def _poor(estimate: Estimate) -> list[int]:

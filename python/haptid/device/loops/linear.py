@@ -186,20 +186,24 @@ def find_linear_motions(problem: ClosureProblem, closed: float) -> LinearSearch:
     tangents, free = _tangents(problem, q[closes], qa[closes])
     linear = [_polished(chain, motion, unknown) for motion in ([] if free else _lasting(chain, tangents))]
     linear = [motion for motion in linear if chain.gap(motion.G, motion.offset, 64) < closed * chain.size]
-    found = tuple(_distinct(chain, linear, unknown))
+    if linear:
+        slopes, constants = (np.array([getattr(m, part)[unknown] for m in linear]) for part in ("G", "offset"))
+        linear = [linear[k] for k in _distinct(chain, unknown, slopes, constants)]
     best = len(q) - _STARTS + int(np.argmin(gaps[-_STARTS:]))
     attempts = chain.attempts(problem.start_pose, _STARTS, q[best])
-    return LinearSearch(tuple(tangents), found, free, float(gaps[best]), attempts)
+    return LinearSearch(tuple(tangents), tuple(linear), free, float(gaps[best]), attempts)
 
 
 def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, Array]:
     """Rates of the unknown joints, (n, unknown, active), and singular values of their Jacobian, (n, unknown)."""
     J = chain.residual(q)[1]
-    A = J[:, :, unknown]
     others = G.copy()
     others[unknown] = 0.0
-    singular = np.linalg.svd(A, compute_uv=False)
-    return np.asarray(-np.linalg.pinv(A, rcond=_RANK_TOLERANCE) @ (J @ others)), np.asarray(singular)
+    U, singular, Vt = np.linalg.svd(J[:, :, unknown], full_matrices=False)
+    kept = singular > _RANK_TOLERANCE * singular.max(axis=1, initial=0.0, keepdims=True)
+    inverse = np.divide(1.0, singular, out=np.zeros_like(singular), where=kept)
+    pseudo = Vt.swapaxes(1, 2) @ (inverse[:, :, None] * U.swapaxes(1, 2))
+    return np.asarray(-pseudo @ (J @ others)), singular
 
 
 def _tangents(problem: ClosureProblem, q: Array, qa: Array) -> tuple[list[LinearMotion], int]:
@@ -209,13 +213,15 @@ def _tangents(problem: ClosureProblem, q: Array, qa: Array) -> tuple[list[Linear
         return [], 0
     slopes, singular = rates(chain, q, problem.G, unknown)
     free = (singular < _RANK_TOLERANCE * chain.size).sum(axis=1) + max(0, len(unknown) - singular.shape[1])
+    at = np.flatnonzero(free == free.min())
+    constants = q[at][:, unknown] - np.einsum("kua,ka->ku", slopes[at], qa[at])
     motions = []
-    for k in np.flatnonzero(free == free.min()):
+    for k in at[_distinct(chain, unknown, slopes[at], constants)]:
         extended, constant = problem.G.copy(), problem.offset.copy()
         extended[unknown] = slopes[k]
         constant[unknown] = q[k, unknown] - slopes[k] @ qa[k]
         motions.append(LinearMotion(extended, constant, qa[k]))
-    return _distinct(chain, motions, unknown), int(free.min())
+    return motions, int(free.min())
 
 
 def _lasting(chain: Chain, motions: list[LinearMotion]) -> list[LinearMotion]:
@@ -241,19 +247,23 @@ def _polished(chain: Chain, motion: LinearMotion, unknown: list[int]) -> LinearM
     return LinearMotion(G, offset, motion.at)
 
 
-def _distinct(chain: Chain, motions: list[LinearMotion], unknown: list[int]) -> list[LinearMotion]:
-    """Without duplicates; constants of revolute joints are compared modulo a turn."""
-    if not motions:
-        return []
+def _distinct(chain: Chain, unknown: list[int], slopes: Array, constants: Array) -> list[int]:
+    """The first of each kind of motion, as indices; constants of revolute joints are compared modulo a turn.
+
+    Args:
+        chain: the tree and its cuts.
+        unknown: indices of the joints that move.
+        slopes: their rates, (motions, unknown, active).
+        constants: (motions, unknown), rad or m.
+    """
     turning = np.array([not chain.joints[j].prismatic for j in unknown])
-    offsets = np.array([motion.offset[unknown] for motion in motions])
-    G = np.array([motion.G[unknown].ravel() for motion in motions])
-    left, representatives = np.ones(len(motions), dtype=bool), []
-    for k, motion in enumerate(motions):
-        if left[k]:
-            representatives.append(motion)
-            alike = np.flatnonzero(left & (np.abs(G - G[k]).max(axis=1) < _SAME))
-            difference = offsets[alike] - offsets[k]
-            difference[:, turning] -= 2 * np.pi * np.rint(difference[:, turning] / (2 * np.pi))
-            left[alike[np.abs(difference).max(axis=1) < _SAME]] = False
-    return representatives
+    G = slopes.reshape(len(slopes), -1)
+    left, first = np.ones(len(G), dtype=bool), []
+    while left.any():
+        k = int(np.argmax(left))
+        first.append(k)
+        alike = np.flatnonzero(left & (np.abs(G - G[k]).max(axis=1) < _SAME))
+        difference = constants[alike] - constants[k]
+        difference[:, turning] -= 2 * np.pi * np.rint(difference[:, turning] / (2 * np.pi))
+        left[alike[np.abs(difference).max(axis=1) < _SAME]] = False
+    return first
