@@ -6,11 +6,13 @@ checks its arguments for longer than it computes.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, freeze
 
 # Values below which the approximations of the moments' distributions are poor.
 _FEWEST = 20
@@ -62,12 +64,18 @@ def signed_rank_tail(differences: Array) -> float:
     signs = np.sign(differences[np.argsort(np.abs(differences), kind="stable")])
     signs = signs[signs != 0]
     found = int((1 + np.flatnonzero(signs > 0)).sum())
-    chances = np.zeros(1 + len(signs) * (len(signs) + 1) // 2)  # of each sum of the ranks of positive ones
+    return float(min(_rank_sums(len(signs))[found:].sum(), 1.0))
+
+
+@lru_cache(maxsize=8)  # the tests of one log have as many differences
+def _rank_sums(n: int) -> Array:
+    """Chance of each sum of those of the ranks 1..n that have heads of a coin, (1 + n (n + 1) / 2,)."""
+    chances = np.zeros(1 + n * (n + 1) // 2)
     chances[0] = 1.0
-    for rank in range(1, len(signs) + 1):
+    for rank in range(1, n + 1):
         chances[rank:] += chances[:-rank]
         chances *= 0.5
-    return float(min(chances[found:].sum(), 1.0))
+    return freeze(chances)
 
 
 def dagostino_pearson(x: Array) -> tuple[float, float, float]:
