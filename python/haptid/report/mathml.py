@@ -35,6 +35,10 @@ def groupings(base: BaseParameters, exact: Regroupings | None) -> tuple[str, ...
     return tuple(_exact(exact, k) for k in range(len(exact)))
 
 
+# Names of parameters of joints, whose own names may have underscores.
+_OF_A_JOINT = re.compile("(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|IA|FV|FC|FS|OFF)(?!_)")
+
+
 def parameter(text: str) -> str:
     """A parameter's name as a MathML element: ZZ1R is ZZ with the subscript 1R."""
     return f"<math>{_name(text)}</math>"
@@ -126,7 +130,7 @@ def _between(sign: str) -> str:
 
 
 def _name(text: str) -> str:
-    if "_" in text:  # of a user's own: pi_1
+    if "_" in text and not _OF_A_JOINT.match(text):  # of a user's own: pi_1
         stem, index = text.split("_", 1)
         shown = "&#x3c0;" if stem == "pi" else escape(stem)
         return f"<msub><mi>{shown}</mi><mi>{escape(index)}</mi></msub>"

@@ -21,6 +21,8 @@ from haptid.validation.validation import Validation
 
 # Relative standard errors of parameters shown in grey, per cent.
 _GREY = 50.0
+# Characters of all motors' labels above which the columns of a table have their numbers.
+_WIDEST = 120
 UNEXCITED = (
     "Not excited: in a motion through the whole workspace, one standard error of the parameter is more torque than the "
     "log has; or only rounded angles put it into the model. Its figure in result.json means nothing by itself."
@@ -174,10 +176,15 @@ def parameter_cells(p: Parameter) -> list[str]:
 def error_table(runs: tuple[Run, ...], row: str) -> Table:
     """Relative error by log and motor."""
     motors = runs[0].observation.motors
-    headings = [m.label if m.free else f"{row} {m.name}" for m in motors] if len(motors) > 1 else []
+    labels = [m.label if m.free else f"{row} {m.name}" for m in motors] if len(motors) > 1 else []
+    wide = sum(map(len, labels)) > _WIDEST
+    headings = [str(k) for k in range(1, len(labels) + 1)] if wide else labels
+    by_number = "".join(f"; {k} is {label}" for k, label in enumerate(labels, 1)) if wide else ""
     validations = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
     rows = [([path, *cells], False) for path, v in validations for cells in error_lines(v, len(motors))]
-    return table("\nRelative error of the torque, %", ("log", "rows", "all", *headings), rows, left=("rows",))
+    return table(
+        f"\nRelative error of the torque, %{by_number}", ("log", "rows", "all", *headings), rows, left=("rows",)
+    )
 
 
 def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text]]:

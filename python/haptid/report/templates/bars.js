@@ -14,12 +14,12 @@ class Bars {
     const { rows, parts, unit } = this.drawing;
     const pitch = rows.length > 20 ? 15 : 20;
     const { root, width } = canvasOf(this.holder, rows.length * pitch + 30);
-    const left = Math.min(14 + 7.6 * Math.max(...rows.map((r) => r.length)), 120);
+    const left = besides(rows, width, 120);
     const x = scale([0, 100], [left, width - 24], false);
     const group = svg("g", { class: "axes" }, root);
     rows.forEach((name, row) => {
       const y = 4 + row * pitch;
-      svg("text", { x: left - 6, y: y + pitch / 2 + 3, "text-anchor": "end" }, group, name);
+      named(name, left - 8, { x: left - 6, y: y + pitch / 2 + 3, "text-anchor": "end" }, group);
       let sum = 0;
       parts.forEach((part, k) => {
         const value = this.values[row * parts.length + k];
@@ -48,7 +48,7 @@ class Intervals {
     const sets = this.sets;
     const pitch = 10 + 9 * sets.length;
     const { root, width } = canvasOf(this.holder, rows.length * pitch + 44);
-    const left = Math.min(14 + 7.6 * Math.max(...rows.map((r) => r.length)), 120);
+    const left = besides(rows, width, 120);
     const ends = sets.flatMap((s) => [...s.low, ...s.high]).filter(Number.isFinite).map(Math.abs);
     const reach = Math.min(widest, 1.05 * Math.max(1e-9, ...ends));
     const x = scale([-reach, reach], [left, width - 14], false);
@@ -61,7 +61,7 @@ class Intervals {
     }
     svg("text", { x: (left + width) / 2, y: bottom + 32, "text-anchor": "middle", class: "label" }, group, `change, ${unit}`);
     rows.forEach((name, row) => {
-      svg("text", { x: left - 6, y: row * pitch + pitch / 2 + 6, "text-anchor": "end" }, group, name);
+      named(name, left - 8, { x: left - 6, y: row * pitch + pitch / 2 + 6, "text-anchor": "end" }, group);
       sets.forEach((s, k) => {
         if (!Number.isFinite(s.value[row])) return;
         const y = row * pitch + 11 + 9 * k, ink = COLOURS[s.colour];

@@ -39,7 +39,7 @@ class Heat {
     if (!this.holder.clientWidth) return;
     const { rows, columns, square, x } = this.drawing;
     const room = Math.max(240, this.holder.clientWidth);
-    const left = Math.min(12 + 7.6 * Math.max(...rows.map((r) => r.length)), 110) + (this.drawing.y ? 18 : 0), right = 64;
+    const left = besides(rows, room, 110) + (this.drawing.y ? 18 : 0), right = 64;
     const wide = square ? Math.min(room - left - right, 26 * columns.length, 560) : room - left - right;
     const below = x ? 44 : 14 + 7.6 * Math.max(...columns.map((c) => c.length));
     const high = square ? (wide * rows.length) / columns.length : Math.min(Math.max(rows.length * 15, 150), 640);
@@ -79,7 +79,7 @@ class Heat {
     const group = svg("g", { class: "axes" }, root);
     const everyRow = Math.ceil((y ? 34 : 11) / h), everyColumn = Math.ceil((x ? 64 : 12) / w);
     rows.forEach((name, k) => {
-      if (k % everyRow === 0) svg("text", { x: left - 5, y: top + (this.line(k) + 0.5) * h + 4, "text-anchor": "end" }, group, name);
+      if (k % everyRow === 0) named(name, left - (y ? 26 : 8), { x: left - 5, y: top + (this.line(k) + 0.5) * h + 4, "text-anchor": "end" }, group);
     });
     columns.forEach((name, k) => {
       if (k % everyColumn) return;

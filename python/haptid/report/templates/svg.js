@@ -32,6 +32,19 @@ function html(name, attributes = {}, parent = null, text = "") {
   return made;
 }
 
+// Width of names beside a chart: a quarter of it at most.
+function besides(names, width, least) {
+  return Math.min(14 + 7.6 * Math.max(...names.map((name) => name.length)), Math.max(least, width / 4));
+}
+
+// A name in so many pixels, without its middle where it is longer; all of it is in the title.
+function named(name, room, attributes, parent) {
+  const most = Math.max(Math.floor(room / 7.2), 6);
+  const short = name.length > most ? `${name.slice(0, Math.ceil(most / 2) - 1)}…${name.slice(-Math.floor(most / 2))}` : name;
+  const made = svg("text", attributes, parent, short);
+  if (short !== name) svg("title", {}, made, name);
+}
+
 // Drawing area of a chart, as wide as its figure; role and label are in the template.
 function canvasOf(holder, height) {
   const width = Math.max(240, holder.clientWidth || 640);
