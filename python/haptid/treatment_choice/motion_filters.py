@@ -40,9 +40,10 @@ SLOW, _NEAR = 0.03, 0.3
 # Least time for which a joint within the limits of `SLOW` is at rest, s and periods of the bandwidth: in a tenth of a
 # period a reversal moves on by four times as much as `SLOW` allows.
 _REST, _RESTS = 0.25, 0.1
-# Shares of a motor's rows whose filter window is clear of reversals: with this many the others are dropped, which
-# costs little; with fewer than the second, they are not; between, unseen rows decide.
-_CLEARLY, _CLEAR = 0.6, 0.3
+# Least share of a motor's rows whose filter window is clear of reversals for the others to be dropped; share of slow
+# samples above which a joint sticks at reversals, twice that of speeds with a normal distribution: the sign of its dry
+# friction is wrong for longer than a reversal takes.
+_CLEAR, _STICKS = 0.3, 0.05
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
 # Share of rows at rest that is reported.
@@ -67,7 +68,7 @@ class MotionFilters:
         reversal_speed: of each row of torque, SI.
         rest_speed: the same, of rows too whose motor is seldom faster.
         near: whether rows count whose filter window contains a reversal, if not near its middle.
-        may_clear: whether enough rows are left without those.
+        may_clear: whether enough rows are left without those, and unseen rows are to decide.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
         position: cut-off of the position filters over the bandwidth, at most.
         held: position channels that hardly move while others do: they tremble faster, and that is no motion.
@@ -116,26 +117,25 @@ class MotionFilters:
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
         made = MotionFilters(model, logs, found, channels, bandwidth, dt, top, lowest, (), held=held)
-        rest = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
+        rest, sticks = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
         if any(rest):
             often = made._shares(made.at(USUAL, {}), np.array(rest)) >= KEPT
             made = replace(made, reversal_speed=tuple(np.where(often, rest, 0.0).tolist()), rest_speed=rest)
-        return made._clear_of_reversals(given)
+        return made._clear_of_reversals(given, sticks)
 
     @cached_property
     def _of_noise(self) -> np.ndarray:
         """Whether a row has none of its motor in any log, as its torque shows noise alone, (rows of torque,)."""
         return np.asarray(np.all([rows_of_noise(self.model.device, log) for log in self.logs], axis=0))
 
-    def _clear_of_reversals(self, given: Given) -> MotionFilters:
-        """With or without rows near reversals, by how many are clear of them."""
+    def _clear_of_reversals(self, given: Given, sticks: bool) -> MotionFilters:
+        """Without windows that contain a reversal where joints stick there, if enough rows are left; else with them."""
         if not any(self.reversal_speed):
             return self
-        clear = replace(self, near=False).at(USUAL, given)
-        kept = self._shares(clear, np.array(self.reversal_speed))[
-            np.array(self.model.device.measured) & ~self._of_noise
-        ]
-        return replace(self, near=bool(min(kept) < _CLEARLY), may_clear=bool(_CLEAR <= min(kept) < _CLEARLY))
+        clear, speeds = replace(self, near=False).at(USUAL, given), np.array(self.reversal_speed)
+        judged = np.array(self.model.device.measured) & ~self._of_noise
+        enough = bool(min(self._shares(clear, speeds)[judged]) >= _CLEAR)
+        return replace(self, near=not (enough and sticks), may_clear=enough and not sticks)
 
     def faster_than(self, speeds: Array, given: Given) -> MotionFilters:
         """Without windows slower than these anywhere, (rows of torque,), SI, where enough are left; itself for none."""
@@ -202,24 +202,25 @@ class MotionFilters:
             found = np.where(corners_cut(self.logs, own, less), wide, found)
         return tuple(float(f"{cutoff:.3g}") for cutoff in np.minimum(found, ceiling))
 
-    def _slow(self, treatment: Treatment) -> tuple[float, ...]:
-        """The speed of each row of torque below which the sign of its dry friction is uncertain."""
+    def _slow(self, treatment: Treatment) -> tuple[tuple[float, ...], bool]:
+        """The speed of each row below which the sign of its dry friction is uncertain, and whether joints stick."""
         rows = len(self.model.device.row_names)
         if not any(self.model.coulomb_terms(row) for row in range(rows)):
-            return ()
-        speeds, samples = np.full(rows, np.inf), 0
-        power: dict[tuple[int, int], float] = {}
+            return (), False
+        speeds, sticks = np.full(rows, np.inf), False
+        squares: dict[tuple[int, int], list[Array]] = {}
         for log in self.logs:
             motion = treat(log, treatment)
             c, cd = state(self.model.device, motion, *motion.usable)
-            samples += cd.shape[1]
             for row in range(rows):
                 for k, term in enumerate(self.model.coulomb_terms(row)):
-                    own = float(np.sum(self.model.speed(term, c, cd) ** 2))
-                    power[row, k] = power.get((row, k), 0.0) + own
-        for (row, _), total in power.items():
-            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / samples)))
-        return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
+                    squares.setdefault((row, k), []).append(self.model.speed(term, c, cd) ** 2)
+        for (row, _), own in squares.items():
+            square = np.concatenate(own)
+            slow = SLOW**2 * float(np.mean(square))
+            speeds[row] = min(speeds[row], float(np.sqrt(slow)))
+            sticks |= bool(self.model.device.measured[row] and np.mean(square < slow) > _STICKS)
+        return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds), sticks
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
         """Share of rows that are kept, of each row of torque."""

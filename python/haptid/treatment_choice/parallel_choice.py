@@ -21,7 +21,7 @@ LOG_PARTS = 17
 # Blocks in a part: rows belong to the part that holds the middle of their block.
 _BLOCKS = 4
 # Standard deviations of the difference of losses by which another filter must be better than the usual one.
-_SURELY = 1.0
+SURELY = 1.0
 # Share of the loss that a gain must be: noise of the judged rows is in every loss, and may favour one side.
 WORTH = 0.02
 # Better on fewer parts than this share is chance.
@@ -35,6 +35,7 @@ def better_cutoff(
     usual: int,
     reference: Treatment,
     worth: float = WORTH,
+    surely: float = SURELY,
 ) -> int:
     """Index of the treatment that predicts unseen parts best; the usual one where no other is better beyond chance.
 
@@ -44,6 +45,7 @@ def better_cutoff(
         usual: index of the one that stands in doubt.
         reference: the treatment of the rows that are predicted.
         worth: share of the loss that a gain must be.
+        surely: standard deviations that it must be.
     """
     block = min(len(log.t) * float(log.dt) for log in logs) / LOG_PARTS / _BLOCKS
     try:
@@ -59,7 +61,7 @@ def better_cutoff(
     if best == usual or before is None or after is None:
         return usual
     gain = before - after
-    sure = gain.sum() > _SURELY * np.sqrt(len(gain)) * gain.std(ddof=1) and np.mean(gain > 0) > _MOSTLY
+    sure = gain.sum() > surely * np.sqrt(len(gain)) * gain.std(ddof=1) and np.mean(gain > 0) > _MOSTLY
     # In a log that moves one joint after another, parts without its motion dominate the sum and say nothing.
     sure = sure and np.median(gain[before > 0] / before[before > 0]) > worth
     return best if sure else usual

@@ -45,6 +45,8 @@ TRIED, REFERENCE = (1.5, USUAL, 6.0, 12.0), 6.0
 REFERENCE_BLOCKS = 8
 # Cut-offs so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
 _APART, _RIPPLE = 1.3, 0.25
+# Standard deviations by which unseen rows must show that the friction's sign is wrong in windows with a reversal.
+_WRONG_SIGN = 2.0
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Other filters are tried where errors of the positions are such a share of the torque's variance, and its standard
@@ -160,9 +162,9 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         clear = replace(filters, near=False)
         settings = {**given, "torque_delay_s": treatment.torque_delay_s}
         tried = [filters.at(USUAL, settings), clear.at(USUAL, settings)]
-        if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings), worth=0.0):
+        if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings), worth=0.0, surely=_WRONG_SIGN):
             filters = clear
-            treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
+            treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)  # not from wrong signs
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         times, why = _parallel_times(filters, {**given, "torque_delay_s": treatment.torque_delay_s})
         if times != USUAL:
