@@ -8,7 +8,7 @@ Gauss-Newton steps, with a prior, since friction that the model lacks is late or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,14 +22,14 @@ from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
 from haptid.estimation.methods.gls import Whitening
 from haptid.log import Log
-from haptid.motion.channels import channel_shares, position_map
 from haptid.motion.motion import Motion, treat, with_delay
 from haptid.motion.treatment import Treatment
-from haptid.observation.augmented import CandidateColumns, ResidualContext
 from haptid.observation.observation import observe
+from haptid.treatment_choice.delay_columns import delay_columns, smooth_part
 from haptid.treatment_choice.first_fit import least_squares, solve_excited
-from haptid.treatment_choice.nuisance_problem import NuisanceColumn, NuisanceProblem
+from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 from haptid.treatment_choice.parallel_choice import LOG_PARTS, parts_of
+from haptid.uncertainty.quantities import LEVEL, half_width
 
 # Prior of the delays, samples: mean for a command that is held from one sample to the next, standard deviations of what
 # all channels share and of each channel's own part.
@@ -42,10 +42,6 @@ _CLOSE, _MOST = 0.5, 2 / 3
 _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0
 # Standard deviation of a delay that is not identifiable, samples.
 _UNKNOWN = 1.0
-# Share of the largest entry of a matrix below which a channel has no part in a row.
-_NO_PART = 1e-12
-# Poses at which that is seen, where the map from channels to rows varies with the pose.
-_POSES = 50
 # Gauss-Newton steps, and the changes, samples and standard errors, below which they end.
 _STEPS, _STILL, _SMALL = 4, 0.005, 0.05
 # A delay this far from the prior mean, samples, must not make the torque near reversals worse by so many of its errors.
@@ -60,6 +56,9 @@ _AGREES, _SURER = 2.0, 3.0
 _SECOND = 10.0
 # Standard errors by which the rigid bodies' delay must be seen.
 _SEEN = 4.0
+# Frequency above which the torque without dry friction is noise, over the motion's bandwidth: products of sines have
+# twice and three times its frequencies.
+_NOISE = 3.0
 # Standard error of the usual delay where rows near reversals contradict another one, as a share of the distance between
 # the two: of what contradicts each other either may be wrong, and the interval of 95 % ends at the one refused.
 _HALF = 0.5
@@ -77,6 +76,8 @@ class Delays:
         dt: sampling period, s.
         samples: of the logs that they were estimated from.
         white: whether by rows that are whitened in time.
+        noise_hz: frequency above which the torque without dry friction was taken for noise, Hz.
+        dof: degrees of freedom of their intervals, of the blocks that show them, (channels,).
         by_positions: by how much one standard error of each part of the positions' errors moves them, (k, channels),
             s; not in `covariance`, because the parameters move with them.
     """
@@ -88,15 +89,22 @@ class Delays:
     dt: float
     samples: int = 0
     white: bool = False
+    noise_hz: float = np.inf
+    dof: Array = field(default_factory=lambda: np.full(1, np.inf))
     by_positions: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def __post_init__(self) -> None:
-        freeze_fields(self, "seconds", "covariance", "found", "by_positions")
+        freeze_fields(self, "seconds", "covariance", "found", "dof", "by_positions")
 
     @property
     def se(self) -> Array:
         """Standard errors, (channels,), s."""
         return np.asarray(np.sqrt(np.diag(self.covariance) + np.sum(self.by_positions**2, axis=0)))
+
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals of the delays, (channels, 2), s; a standard error of few blocks has wider ones."""
+        half = half_width(self.se, self.dof, level)
+        return np.stack([self.seconds - half, self.seconds + half], axis=1)
 
     @property
     def setting(self) -> float | tuple[float, ...]:
@@ -136,13 +144,20 @@ class Delays:
         return f"Torque delay{'s' if many and len(set(self.seconds)) > 1 else ''}: {size}{hold}; compensated."
 
 
-def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, start: Delays | None = None) -> Delays:
+def find_delays(
+    model: DynamicModel,
+    logs: Sequence[Log],
+    treatment: Treatment,
+    start: Delays | None = None,
+    bandwidth_hz: float = np.inf,
+) -> Delays:
     """Delays of the torque channels, jointly with the base parameters.
 
     Args:
         logs: recorded by one instrument.
         treatment: settings; its own `torque_delay_s` is ignored.
         start: found before, with another treatment.
+        bandwidth_hz: of the motion, as in `Proposal`; infinite where unknown.
 
     Raises:
         HaptidError: as `treat` and `observe`.
@@ -155,9 +170,10 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     beta = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions)))
-    found = _steps(model, motions, d, beta, (mean, prior), near=start is not None)
-    white = _beside_a_drift(model, motions, found, (mean, prior))
-    d, _, problem, spread = white or _settled(model, motions, found, (mean, prior))
+    rows = _Search(model, motions, (mean, prior), _NOISE * bandwidth_hz)
+    found = rows.steps(d, beta, near=start is not None)
+    white = rows.beside_a_drift(found)
+    d, _, problem, spread = white or rows.settled(found)
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
@@ -172,7 +188,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
         return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt, samples)
     likely, covariance = _likely(d - mean, spread.covariance, dt)
-    return Delays(mean + likely, covariance, d, True, dt, samples, white is not None)
+    return Delays(mean + likely, covariance, d, True, dt, samples, white is not None, rows.noise_hz, spread.dof)
 
 
 def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
@@ -205,129 +221,120 @@ def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
 _Found = tuple[Array, Array, NuisanceProblem, Spread]
 
 
-def _steps(
-    model: DynamicModel,
-    motions: Sequence[Motion],
-    d: Array,
-    beta: Array,
-    prior: tuple[Array, Array],
-    near: bool = False,
-    whitening: Whitening | None = None,
-) -> _Found:
-    """Gauss-Newton steps: delays, parameters, the problem that they solve, and the delays' spread.
-
-    Args:
-        motions: of logs, without a delay.
-        d, beta: delays, s, and parameters to begin with.
-        prior: mean and covariance of the delays, s.
-        near: whether the delays to begin with were found before.
-        whitening: of the rows in time; they stay as they are where None.
-    """
-    (mean, covariance), dt, memory = prior, motions[0].dt, None
-    for k in range(_STEPS):
-        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
-        problem = replace(problem, known_memory=memory)
-        beta, step, spread = (problem.whitened(whitening) if whitening else problem).solve(mean - d, covariance)
-        # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
-        memory = problem.memory if whitening is None and (k or near) else None
-        # A step beyond the linear range of the columns would overshoot.
-        step = np.clip(step, -COMMON * dt, COMMON * dt)
-        d = d + step
-        if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * _se(spread)).all():
-            break
-    return d, beta, problem, spread
-
-
 def _se(spread: Spread) -> Array:
     """Standard errors of a spread."""
     return np.asarray(np.sqrt(np.diag(spread.covariance)))
 
 
-def _beside_a_drift(
-    model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]
-) -> _Found | None:
-    """Delays, parameters, problem and spread by rows that are whitened in time, where a drift hid them from the others.
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Gauss-Newton steps to the delays, from rows as they are, whitened in time, or by the smooth torque.
 
-    Under a drift of the torque the residual's memory is long, few rows count as independent, and the prior decides,
-    although what goes with the motion is seen above the drift. Whitened rows show it. They are sensitive to what is
-    above the motion, too: in a loop that feeds disturbances back they are wrong. So they are taken only where the
-    ordinary rows leave the delays to the prior, where both agree and the whitened ones are much surer, and where the
-    torque has no part in proportion to its second rate: a delay leaves none, feedback, a filter or friction that the
-    model lacks does.
+    What is found are delays, parameters, the problem of the last step, and the delays' spread.
 
-    Args:
+    Attributes:
         motions: of logs, without a delay.
-        found: by the ordinary rows.
         prior: mean and covariance of the delays, s.
+        noise_hz: frequency above which the torque without dry friction is noise, Hz.
     """
-    d, beta, problem, spread = found
-    dt, se = motions[0].dt, _se(spread)
-    rows = problem.memory / (motions[0].treatment.decimation * dt)
-    if rows < _DRIFTS or se.min() < HOLD * dt:
-        return None
-    whitening = problem.whitening
-    white = _steps(model, motions, d, beta, prior, whitening=whitening)
-    surer = bool((_SURER * _se(white[3]) < se).all() and (np.abs(white[0] - d) < _AGREES * se).all())
-    return white if surer and _alone(model, motions, white, prior, whitening) else None
 
+    model: DynamicModel
+    motions: Sequence[Motion]
+    prior: tuple[Array, Array]
+    noise_hz: float
 
-def _alone(
-    model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array], whitening: Whitening
-) -> bool:
-    """Whether whitened rows have nothing in proportion to the second rate of the torque beside a delay.
+    def _at(self, d: Array, beta: Array, smooth: bool = False) -> NuisanceProblem:
+        late = [with_delay(motion, _setting(d)) for motion in self.motions]
+        return _problem(self.model, late, beta, self.noise_hz, smooth)
 
-    Args:
-        motions: of logs, without a delay.
-        found: by whitened rows.
-        prior: mean and covariance of the delays, s.
-        whitening: of the rows.
-    """
-    d, beta, _, _ = found
-    (mean, covariance), channels, dt = prior, len(d), motions[0].dt
-    second = [(channels + channel, column) for channel, column in delay_columns(model, motions[0], order=2)]
-    columns = [*delay_columns(model, motions[0]), *second]
-    late = [with_delay(motion, _setting(d)) for motion in motions]
-    problem = NuisanceProblem.of(model, late, beta, raw_parameters(model, beta), [columns] * len(motions))
-    free = (_SECOND * dt**2) ** 2 * np.eye(channels)
-    known = linalg.block_diag(covariance, free)
-    _, step, spread = problem.whitened(whitening).solve(np.append(mean - d, np.zeros(channels)), known)
-    return bool((np.abs(step) < _AGREES * _se(spread))[channels:].all())
+    def steps(self, d: Array, beta: Array, near: bool = False, whitening: Whitening | None = None) -> _Found:
+        """Steps from delays, s, and parameters.
 
+        Args:
+            d, beta: to begin with.
+            near: whether the delays to begin with were found before.
+            whitening: of the rows in time; they stay as they are where None.
+        """
+        (mean, covariance), dt, memory = self.prior, self.motions[0].dt, None
+        for k in range(_STEPS):
+            problem = replace(self._at(d, beta), known_memory=memory)
+            beta, step, spread = (problem.whitened(whitening) if whitening else problem).solve(mean - d, covariance)
+            # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
+            memory = problem.memory if whitening is None and (k or near) else None
+            # A step beyond the linear range of the columns would overshoot.
+            step = np.clip(step, -COMMON * dt, COMMON * dt)
+            d = d + step
+            if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * _se(spread)).all():
+                break
+        return d, beta, problem, spread
 
-def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]) -> _Found:
-    """Delays, parameters, problem and spread as found, or from the smooth part of the torque alone.
+    def beside_a_drift(self, found: _Found) -> _Found | None:
+        """What rows that are whitened in time show, where a drift hid the delays from the others.
 
-    Dry friction jumps from one sample to the next. A small change of the delay moves a jump by a sample or not at all:
-    where all reversals of a motion lie alike between two samples, the jumps leave the residual as it is over a range of
-    delays, and the slope of the sampled torque says otherwise. From there, steps with the smooth torque find the
-    minimum within that range. They are taken where they are longer than the standard error and leave a smaller
-    residual.
+        Under a drift of the torque the residual's memory is long, few rows count as independent, and the prior decides,
+        although what goes with the motion is seen above the drift. Whitened rows show it. They are sensitive to what is
+        above the motion, too: in a loop that feeds disturbances back they are wrong. So they are taken only where the
+        ordinary rows leave the delays to the prior, where both agree and the whitened ones are much surer, and where
+        the torque has no part in proportion to its second rate: a delay leaves none, feedback, a filter or friction
+        that the model lacks does.
 
-    Args:
-        motions: of logs, without a delay.
-        found: by the rate of the whole torque.
-        prior: mean and covariance of the delays, s.
-    """
-    if not any(term.kind in DRY for term in model.terms):
-        return found
-    d, beta, problem, spread = found
-    mean, covariance = prior
-    dt, weights, se = motions[0].dt, problem.weights, np.sqrt(np.diag(spread.covariance))
-    before = np.inf
-    for k in range(_STEPS + 1):
-        memory = problem.memory
-        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta, smooth=True)
-        problem = replace(problem, known_memory=memory)
-        left = problem.residual(weights)
-        beta, step, spread = problem.solve(mean - d, covariance)
-        if k == 0:
-            before = left
-            if (np.abs(step) < se).all():
-                return found
-        if k == _STEPS or np.abs(step).max() < _STILL * dt:
-            break
-        d = d + np.clip(step, -COMMON * dt, COMMON * dt)
-    return (d, beta, problem, spread) if left < before else found
+        Args:
+            found: by the ordinary rows.
+        """
+        d, beta, problem, spread = found
+        dt, se = self.motions[0].dt, _se(spread)
+        rows = problem.memory / (self.motions[0].treatment.decimation * dt)
+        if rows < _DRIFTS or se.min() < HOLD * dt:
+            return None
+        whitening = problem.whitening
+        white = self.steps(d, beta, whitening=whitening)
+        surer = bool((_SURER * _se(white[3]) < se).all() and (np.abs(white[0] - d) < _AGREES * se).all())
+        return white if surer and self._alone(white, whitening) else None
+
+    def _alone(self, found: _Found, whitening: Whitening) -> bool:
+        """Whether whitened rows have nothing in proportion to the second rate of the torque beside a delay."""
+        d, beta, _, _ = found
+        (mean, covariance), channels, dt = self.prior, len(d), self.motions[0].dt
+        second = [(channels + k, column) for k, column in delay_columns(self.model, self.motions[0], order=2)]
+        columns = [*delay_columns(self.model, self.motions[0]), *second]
+        late = [with_delay(motion, _setting(d)) for motion in self.motions]
+        chi = raw_parameters(self.model, beta)
+        problem = NuisanceProblem.of(self.model, late, beta, chi, [columns] * len(late))
+        free = (_SECOND * dt**2) ** 2 * np.eye(channels)
+        known = linalg.block_diag(covariance, free)
+        _, step, spread = problem.whitened(whitening).solve(np.append(mean - d, np.zeros(channels)), known)
+        return bool((np.abs(step) < _AGREES * _se(spread))[channels:].all())
+
+    def settled(self, found: _Found) -> _Found:
+        """What was found, or what the smooth part of the torque alone shows.
+
+        Dry friction jumps from one sample to the next. A small change of the delay moves a jump by a sample or not at
+        all: where all reversals of a motion lie alike between two samples, the jumps leave the residual as it is over a
+        range of delays, and the slope of the sampled torque says otherwise. From there, steps with the smooth torque
+        find the minimum within that range. They are taken where they are longer than the standard error and leave a
+        smaller residual.
+
+        Args:
+            found: by the rate of the whole torque.
+        """
+        if not any(term.kind in DRY for term in self.model.terms):
+            return found
+        d, beta, problem, spread = found
+        mean, covariance = self.prior
+        dt, weights, se = self.motions[0].dt, problem.weights, _se(spread)
+        before = np.inf
+        for k in range(_STEPS + 1):
+            problem = replace(self._at(d, beta, smooth=True), known_memory=problem.memory)
+            left = problem.residual(weights)
+            beta, step, spread = problem.solve(mean - d, covariance)
+            if k == 0:
+                before = left
+                if (np.abs(step) < se).all():
+                    return found
+            if k == _STEPS or np.abs(step).max() < _STILL * dt:
+                break
+            d = d + np.clip(step, -COMMON * dt, COMMON * dt)
+        return (d, beta, problem, spread) if left < before else found
 
 
 def delay_prior(channels: int, dt: float, common: float = COMMON) -> Array:
@@ -378,7 +385,7 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     motions = estimate.observation.motions
     if not np.any(delays.covariance) or any(m.log is None or m.treatment.momentum for m in motions):
         return estimate
-    problem = _problem(estimate.model, motions, estimate.free)
+    problem = _problem(estimate.model, motions, estimate.free, delays.noise_hz)
     if delays.white or not _same_rows(problem, estimate, delays):
         return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
     moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
@@ -396,9 +403,11 @@ def _same_rows(problem: NuisanceProblem, estimate: Estimate, delays: Delays) -> 
     return delays.accepted and samples == delays.samples and plain and problem.rows.blocks == estimate.blocks
 
 
-def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array, smooth: bool = False) -> NuisanceProblem:
+def _problem(
+    model: DynamicModel, motions: Sequence[Motion], beta: Array, noise_hz: float = np.inf, smooth: bool = False
+) -> NuisanceProblem:
     """The delays of the channels as nuisances, by the rate of the whole torque, or of its smooth part."""
-    columns = delay_columns(model, motions[0], _smooth if smooth else None)
+    columns = delay_columns(model, motions[0], smooth_part if smooth else None, noise_hz=noise_hz)
     return NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions))
 
 
@@ -424,47 +433,6 @@ def _rigid_agrees(problem: NuisanceProblem, delay: float, dt: float) -> bool:
 
 def _setting(d: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in d)
-
-
-def _smooth(model: DynamicModel, chi: Array) -> Array:
-    """Parameters of the core's columns without dry friction, (r,)."""
-    kept = np.array(chi)
-    for k, term in enumerate(model.terms):
-        if term.kind in DRY:
-            kept[10 * len(model.device.joints) + k] = 0.0
-    return kept
-
-
-def delay_columns(
-    model: DynamicModel,
-    motion: Motion,
-    part: Callable[[DynamicModel, Array], Array] | None = None,
-    order: int = 1,
-) -> list[NuisanceColumn]:
-    """The rate of each channel's torque, by the model, in every row that the channel acts on.
-
-    Args:
-        motion: of a log.
-        part: parameters of the core's columns of which the torque is taken, from all; all where None.
-        order: of the derivative; 2 for the rate of the rate.
-    """
-    assert motion.log is not None
-    some = [motion.q[k : k + 1][0] for k in np.linspace(0, len(motion) - 1, _POSES).astype(int)]
-    c = position_map(model.device, motion)(np.array(some).T)
-    acts = np.abs(channel_shares(model.device, motion, c)).max(axis=0).T
-
-    def column(row: int, channel: int) -> CandidateColumns:
-        def rate(context: ResidualContext) -> Array:
-            torque = context.channel_torque(context.chi if part is None else part(model, context.chi))
-            own = torque[channel]
-            for _ in range(order):
-                own = np.gradient(own, context.plan.motion.dt)
-            return np.asarray((context.channel_shares[:, channel, row] * own)[None])
-
-        return CandidateColumns(np.eye(len(acts))[row], 1, rate)
-
-    loaded = acts > _NO_PART * acts.max()
-    return [(int(channel), column(int(row), int(channel))) for row, channel in np.argwhere(loaded)]
 
 
 def _numbers(values: Array) -> str:

@@ -154,21 +154,21 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         filters = _known_to_the_torque(filters, given)
     times, why = USUAL, ""
-    treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)
+    treatment, delays = _with_delays(filters, filters.at(USUAL, given), given)
     unshaken, filters = filters, _faster_than_shaking(filters, treatment, given)
     if filters is not unshaken:
-        treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
+        treatment, delays = _with_delays(filters, filters.at(USUAL, given), given, delays)
     if filters.may_clear and "reversal_guard_s" not in given:
         clear = replace(filters, near=False)
         settings = {**given, "torque_delay_s": treatment.torque_delay_s}
         tried = [filters.at(USUAL, settings), clear.at(USUAL, settings)]
         if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings), worth=0.0, surely=_WRONG_SIGN):
             filters = clear
-            treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)  # not from wrong signs
+            treatment, delays = _with_delays(filters, filters.at(USUAL, given), given)  # not from wrong signs
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         times, why = _parallel_times(filters, {**given, "torque_delay_s": treatment.torque_delay_s})
         if times != USUAL:
-            treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
+            treatment, delays = _with_delays(filters, filters.at(times, given), given, delays)
     choice = _Choice.of(filters, times, given, treatment, delays)
     if choice.positions_matter:
         usual, choice = choice, _least_uncertain(choice)
@@ -282,8 +282,7 @@ class _Choice:
 
     def with_filters(self, filters: MotionFilters, times: float) -> _Choice:
         """The choice with other filters."""
-        model, logs = filters.model, filters.logs
-        made = _with_delays(model, logs, filters.at(times, self.given), self.given, self.delays)
+        made = _with_delays(filters, filters.at(times, self.given), self.given, self.delays)
         return _Choice.of(filters, times, self.given, *made, self.motion)
 
 
@@ -348,19 +347,18 @@ def _one_rate(logs: Sequence[Log]) -> bool:
 
 
 def _with_delays(
-    model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Given, start: Delays | None = None
+    filters: MotionFilters, treatment: Treatment, given: Given, start: Delays | None = None
 ) -> tuple[Treatment, Delays | None]:
     """The treatment with the delays of the torque channels, and these; as it is where they were given."""
     if "torque_delay_s" in given:
         return treatment, None
-    delays = _delays(model, logs, treatment, start)
+    delays = _delays(filters, treatment, start)
     return treatment if delays is None else replace(treatment, torque_delay_s=delays.setting), delays
 
 
-def _delays(
-    model: DynamicModel, logs: Sequence[Log], treatment: Treatment, start: Delays | None = None
-) -> Delays | None:
+def _delays(filters: MotionFilters, treatment: Treatment, start: Delays | None = None) -> Delays | None:
     """Delays of the torque channels; None where the logs have no rows, or their rates differ."""
+    logs = filters.logs
     if not _one_rate(logs):  # a hold of one sample is not one time
         return None
     plain = treatment
@@ -369,7 +367,7 @@ def _delays(
         cutoff = treatment.cutoff_hz or min(wide, HIGHEST / float(logs[0].dt))
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff, formulation="acceleration")
     try:
-        return find_delays(model, logs, plain, start)
+        return find_delays(filters.model, logs, plain, start, filters.bandwidth)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return None
 
@@ -384,7 +382,7 @@ def _known_to_the_torque(filters: MotionFilters, given: Given) -> MotionFilters:
     wide, close = filters.at(USUAL, given), narrow.at(USUAL, given)
     if not (np.asarray(wide.cutoff_hz) > _APART * np.asarray(close.cutoff_hz)).any():
         return filters
-    delay = _with_delays(filters.model, filters.logs, wide, given)[0].torque_delay_s
+    delay = _with_delays(filters, wide, given)[0].torque_delay_s
     tried = [replace(wide, torque_delay_s=delay), replace(close, torque_delay_s=delay)]
     guess = {**given, "torque_delay_s": delay}
     bulk = {**guess, "cutoff_hz": tried[0].cutoff_hz, "parallel_cutoff_hz": narrow.parallel(TRIED[0])}

@@ -12,7 +12,8 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.motion.motion import with_positions
 from haptid.observation.observation import MotorRows, Observation, observe
-from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
+from haptid.treatment_choice.delay_columns import delay_columns
+from haptid.treatment_choice.delay_estimate import Delays, delay_prior
 from haptid.treatment_choice.first_fit import residual_memory, solve_excited
 from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 
@@ -28,6 +29,7 @@ class Refit:
         se: standard errors of parameters and delays, (p + delays,), SI.
         weights: of each motor's rows, less for residuals with memory, (motors,).
         known: prior rows of the delays, (delays, p + delays + 1).
+        noise_hz: frequency above which the torque without dry friction is noise, Hz.
     """
 
     rows: Observation
@@ -36,6 +38,7 @@ class Refit:
     se: Array
     weights: Array
     known: Array
+    noise_hz: float
 
     @staticmethod
     def of(estimate: Estimate, delays: Delays | None) -> Refit:
@@ -51,7 +54,8 @@ class Refit:
         step = rows.motions[0].treatment.decimation * rows.motions[0].dt
         memory = residual_memory(rows.model, rows.motions, beta)
         weights = estimate.weights / np.sqrt(max(memory / step, 1.0))
-        return Refit(rows, raw_parameters(rows.model, beta), beta, se, weights, known)
+        noise_hz = np.inf if delays is None else delays.noise_hz
+        return Refit(rows, raw_parameters(rows.model, beta), beta, se, weights, known, noise_hz)
 
     def motors(self, positions: Sequence[Array]) -> Sequence[MotorRows]:
         """R factors with other positions of the logs."""
@@ -59,7 +63,7 @@ class Refit:
         motions = [with_positions(motion, q) for motion, q in zip(self.rows.motions, positions, strict=True)]
         if not len(self.known):
             return observe(model, *motions).motors
-        columns = [delay_columns(model, motion) for motion in motions]
+        columns = [delay_columns(model, motion, noise_hz=self.noise_hz) for motion in motions]
         return NuisanceProblem.of(model, motions, self.beta, self.chi, columns).rows.motors
 
     def least_squares(self, positions: Sequence[Array]) -> Array:

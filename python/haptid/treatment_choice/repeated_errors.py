@@ -22,7 +22,8 @@ from haptid.motion.motion import Motion
 from haptid.motion.periods import motion_period
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.rows import Chunk, chunks_of
-from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
+from haptid.treatment_choice.delay_columns import delay_columns
+from haptid.treatment_choice.delay_estimate import Delays, delay_prior
 from haptid.treatment_choice.first_fit import residual_memory
 from haptid.treatment_choice.nuisance_problem import NuisanceColumn
 
@@ -100,13 +101,14 @@ def repeated_errors(estimate: Estimate, delays: Delays | None) -> Array | None:
         length = motion_period(motion)
         if length is None:
             continue
-        scores = _scores(estimate, motion, length, len(prior) if not motion.treatment.momentum else 0)
+        many = len(prior) if not motion.treatment.momentum else 0
+        scores = _scores(estimate, motion, length, many, delays.noise_hz if delays is not None else np.inf)
         if scores is not None and scores.repeated:
             found.append(scores.shifts(root, prior))
     return np.concatenate(found) if found else None
 
 
-def _scores(estimate: Estimate, motion: Motion, length: float, delays: int) -> _Scores | None:
+def _scores(estimate: Estimate, motion: Motion, length: float, delays: int, noise_hz: float) -> _Scores | None:
     """Those of one motion with a period, s; None where a period is too short to be divided."""
     memory = residual_memory(estimate.model, [motion], estimate.free)
     phases = int(min(length / max(memory, motion.dt * motion.treatment.decimation), _PHASES))
@@ -125,7 +127,7 @@ def _scores(estimate: Estimate, motion: Motion, length: float, delays: int) -> _
     numbers = k * sum(int(motor.rows[blocks].sum()) for motor in observation.motors)
     some = blocks[: max(1, int(len(blocks) * min(1.0, _ENOUGH / max(numbers, 1))))]
     s, G = np.zeros((phases, groups, k)), np.zeros((phases, k, k))
-    columns = delay_columns(estimate.model, motion) if delays else []
+    columns = delay_columns(estimate.model, motion, noise_hz=noise_hz) if delays else []
     for chunk in chunks_of(observation.pick(some)):
         turns = (chunk.t - start) / length
         part = (turns % 1 * phases).astype(int) % phases
