@@ -15,9 +15,10 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import fast_length
 from haptid.device.terms.friction import DRY
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import channel_shares, position_map
@@ -96,17 +97,17 @@ def _of_motion(motion: Motion, x: Array, low: int, highest: float) -> Array:
         part = made[max(start - low, 0) : max(stop - low, 0)]
         n = len(part)
         if n > _FEWEST:
-            more = fft.next_fast_len(n - 1, real=True) + 1 - n
+            more = fast_length(n - 1) + 1 - n
             whole = np.concatenate([part, 2 * part[-1] - part[n - 1 - more : n - 1][::-1]])
             line = np.linspace(whole[0], whole[-1], len(whole))
+            turned = np.concatenate([whole - line, (line - whole)[-2:0:-1]])
             gain = _gain(len(whole), highest * motion.dt)
-            line[1:-1] += fft.idst(gain * fft.dst((whole - line)[1:-1], 1), 1)
-            part[:] = line[:n]
+            part[:] = (line + fft.irfft(gain * fft.rfft(turned), len(turned))[: len(line)])[:n]
     return made
 
 
 @lru_cache(maxsize=4)
 def _gain(n: int, highest: float) -> Array:
-    """Gain of the sines between both ends of n samples, (n - 2,); `highest` as a share of the sampling rate."""
-    frequency = np.arange(1, n - 1) / (2 * (n - 1))
+    """Gain of the sines between both ends of n samples, (n,); `highest` as a share of the sampling rate."""
+    frequency = np.arange(n) / (2 * (n - 1))
     return np.asarray(1 / (1 + (frequency / highest) ** _ORDER))
