@@ -19,8 +19,8 @@ from haptid.simulation.driven import unloaded_joints
 
 # Poses of the motion, and frequencies up to the filter's cut-off, over which the noise is integrated.
 _POSES, _FREQUENCIES = 24, 600
-# Times its cut-off where the parallel filter passes nothing.
-_BEYOND = 2.0
+# Times its cut-off from which on the parallel filter passes less than a thousandth.
+_BEYOND = 4.0
 
 
 def noise_moments(
