@@ -235,7 +235,7 @@ def _density(products: np.ndarray, dt: float, window: Array) -> tuple[Array, np.
     length = len(window)
     density = products * (dt / (window @ window))
     density[1 : -1 if length % 2 == 0 else None] *= 2
-    return fft.rfftfreq(length, dt), density
+    return np.asarray(fft.rfftfreq(length, dt), dtype=np.float64), density
 
 
 @lru_cache(maxsize=8)  # all channels of a log have the same
