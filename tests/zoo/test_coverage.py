@@ -17,7 +17,8 @@ NAMES = ["ZZ1", "FV1", "FC1"]
 def rows(shares: list[float], count: int, seed: int) -> list[dict[str, Any]]:
     """Logs whose intervals hold the truth independently, with a probability for each parameter."""
     inside = np.random.default_rng(seed).random((count, len(shares))) < shares
-    return [{"status": "ok", "names": NAMES, "inside": row.tolist(), "delay off": [0.0]} for row in inside]
+    late = {"delay off": [0.0], "delay inside": [True]}
+    return [{"status": "ok", "names": NAMES, "inside": row.tolist(), **late} for row in inside]
 
 
 def test_holm_rejects_in_steps() -> None:
@@ -30,6 +31,8 @@ def test_holm_rejects_in_steps() -> None:
 def test_a_parameter_that_is_inside_too_seldom_is_named_and_others_are_not() -> None:
     made = figures(rows([0.95, 0.75, 0.95], 300, 1))
     assert made["below 90 %"] == ["FV1"] == [made["least of"]]
+    assert made["p of least"] < 0.05
+    assert made["delays inside"] == 1.0
     fair = [figures(rows([0.95, 0.95, 0.95], 300, 10 + k)) for k in range(40)]
     assert not any(one["below 90 %"] for one in fair)
     # 95 % intervals of 40 studies: fewer than 32 hold 0.95 with a probability below 1e-4.
