@@ -155,6 +155,12 @@ def on_a_cluster(folder: Path) -> dict[str, float]:
         figures["one worker's time over that of two, least"] = min(a.seconds / b.seconds for a, b in pairs)
         figures["one worker's time over that of two, greatest"] = max(a.seconds / b.seconds for a, b in pairs)
         figures["two workers, their processor time over that of one"] = middle([work(b) / work(a) for a, b in pairs])
+        figures["two workers, time of the clock in files over that of one"] = middle(
+            [clock(b) / clock(a) for a, b in pairs]
+        )
+        for k, workers in enumerate(("one worker", "two workers")):
+            shares = [clock(pair[k]) / ((k + 1) * pair[k].seconds) for pair in pairs]
+            figures[f"{workers}, share of the run that is in files, median"] = middle(shares)
         figures |= (scheduler := scheduling(two))
         for files in FILES:
             made = pooled(sets[files], two)
@@ -177,6 +183,11 @@ def pooled(own: Path, address: str) -> Pool:
 def work(made: Pool) -> float:
     """Processor time of all files, s."""
     return sum(one.processor for one in made.files)
+
+
+def clock(made: Pool) -> float:
+    """Time of the clock that workers were at files, s; the rest of a run is scheduling, and waiting for the last."""
+    return sum(one.seconds for one in made.files)
 
 
 def middle(ratios: Sequence[float]) -> float:

@@ -88,40 +88,36 @@ def torque_of_play(
 def end_effector_dynamics(
     mechanism: Mechanism,
     position: Array,
-    rates: Array,
+    loops: Array | None,
     link: int,
     point: Sequence[float],
     chi: Array,
-    rotors: Array,
-    inertia: Array,
     rows: Sequence[int],
 ) -> Array:
     """Jacobian of a point of a link, and the mass matrix, (samples, (rows + coordinates) * coordinates).
 
-    All joints' positions are (joints, samples); their rates by the coordinates (joints, coordinates), or where they
-    vary (joints * coordinates, samples). chi has ten parameters for each link; rotors (rotors, coordinates) and inertia
-    (rotors,) are beside them. Rows are of the velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
+    Positions of the coordinates are (coordinates, samples), loops and chi as for `mass_matrix`. Rows are of the
+    velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
     """
 
 def apparent_mass(
     mechanism: Mechanism,
     position: Array,
-    rates: Array,
+    loops: Array | None,
     link: int,
     point: Sequence[float],
     chi: Array,
-    rotors: Array,
-    inertia: Array,
     rows: Sequence[int],
     moving: Sequence[int],
     worst: float,
     spread: Array,
-) -> Array:
-    """Principal values of (J A^-1 J')^-1 at every pose, one row of numbers for each.
+) -> tuple[Array, Array, Array, Array]:
+    """Principal values of (J A^-1 J')^-1 at every pose; arguments as for `end_effector_dynamics`.
 
-    The condition number of J; r = min(rows, moving) masses, largest first; their directions, (r, rows); the upper
-    triangle of their covariance from spread, (links * 10 + rotors, any), whose columns' outer products are summed. NaN
-    where the condition number is above `worst`, or A is not positive definite.
+    The condition number of J, (samples,); r = min(rows, moving) masses, largest first, (samples, r); their directions,
+    (samples, r, rows); the upper triangle of their covariance from spread, (columns, any), whose columns' outer
+    products are summed, (samples, r (r + 1) / 2), or (samples, 0) without columns. NaN, but for the condition number,
+    where that is above `worst`, or A is not positive definite.
     """
 
 class Loops:

@@ -5,7 +5,7 @@
 //! accelerations the rows are those of generalised momentum and of the remainder of the torque, and the filter
 //! differentiates the former. Torques of given parameters are computed by recursion, without rows
 //! ([`inverse_dynamics`]), and so are accelerations from torques ([`forward_dynamics`]). Jacobians, mass matrices and
-//! apparent masses at many poses have kernels of their own ([`end_effector_dynamics`], [`apparent_mass()`]). Loops with
+//! apparent masses at many poses are computed together ([`end_effector_dynamics`], [`apparent_mass()`]). Loops with
 //! varying rates are closed along whole motions by continuation ([`AssemblyMode`]).
 //!
 //! Arrays of samples are channel major: the samples of one coordinate are contiguous. Units are SI: rad or m, N m or N,
@@ -32,8 +32,8 @@ mod simd;
 pub use dynamics::forward::{forward_dynamics, mass_matrix};
 pub use dynamics::play::{Play, PlayMotion, torque_of_play};
 pub use dynamics::rnea::inverse_dynamics;
-pub use end_effector::apparent_mass::{ApparentMassQuery, apparent_mass};
-pub use end_effector::jacobian::{BodyParameters, EndEffector, Poses, end_effector_dynamics};
+pub use end_effector::apparent_mass::{ApparentMassQuery, ApparentMasses, apparent_mass};
+pub use end_effector::jacobian::{EndEffector, end_effector_dynamics};
 pub use error::Error;
 pub use exact::echelon::echelon;
 pub use exact::rows::{ExactStates, TreeStates, exact_rows, real_rows};

@@ -2,8 +2,8 @@
 //! shared ones are collected here, checked once, and borrowed as what the core takes.
 
 use crate::arrays::{of_samples, row_major};
-use haptid_core::{BodyParameters, Motion, Poses};
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use haptid_core::Motion;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -40,28 +40,5 @@ impl<'py> MotionArguments<'py> {
             external: of_samples("external", &self.external, samples)?,
             loops: self.loops.as_ref().map_or(Ok(&[][..]), |loops| of_samples("loops", loops, samples))?,
         })
-    }
-}
-
-/// Poses and inertial parameters, of the kernels at the end effector.
-pub(crate) struct PoseArguments<'py> {
-    pub(crate) position: Matrix<'py>,
-    pub(crate) rates: Matrix<'py>,
-    pub(crate) chi: Vector<'py>,
-    pub(crate) rotors: Matrix<'py>,
-    pub(crate) inertia: Vector<'py>,
-}
-
-impl PoseArguments<'_> {
-    /// The poses, of row-major arrays.
-    pub(crate) fn poses(&self) -> PyResult<Poses<'_>> {
-        let (position, rates) = (row_major(&self.position)?, row_major(&self.rates)?);
-        Ok(Poses { samples: self.position.shape()[1], position, rates })
-    }
-
-    /// The parameters, of row-major arrays.
-    pub(crate) fn bodies(&self) -> PyResult<BodyParameters<'_>> {
-        let (chi, inertia) = (self.chi.as_slice()?, self.inertia.as_slice()?);
-        Ok(BodyParameters { chi, rotors: row_major(&self.rotors)?, inertia })
     }
 }

@@ -31,7 +31,7 @@ pub(crate) struct RecursionState {
     pub(crate) followed: [Slot; 3],
     pub(crate) joints: Vec<TransformSlots>,
     pub(crate) motions: Vec<[Slot; MOTION_NUMBERS]>,
-    /// Moment and force of each link; or its momentum, angular and linear.
+    /// Moment and force of each link; or its momentum, or its velocity, angular and linear.
     pub(crate) wrenches: Vec<[Slot; 6]>,
     /// Gravity wrenches, where `wrenches` holds momenta.
     pub(crate) weights: Vec<[Slot; 6]>,
@@ -85,7 +85,25 @@ pub(crate) fn for_each_batch(
     sets: &ParameterSets,
     work: impl Fn(Batch, usize, BatchParameters, &mut RecursionState) + Sync,
 ) {
+    for_each_batch_with(
+        mechanism,
+        motion,
+        sets,
+        || (),
+        |batch, from, bodies, state, ()| work(batch, from, bodies, state),
+    );
+}
+
+/// The same for work with a state of its own, which `start` makes for each part of the motion.
+pub(crate) fn for_each_batch_with<S>(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    sets: &ParameterSets,
+    start: impl Fn() -> S + Sync,
+    work: impl Fn(Batch, usize, BatchParameters, &mut RecursionState, &mut S) + Sync,
+) {
     let part = |index: usize| {
+        let mut own = start();
         let mut workspace = WORKSPACE.take().unwrap_or_default();
         workspace.grow(mechanism);
         let Workspace { channels, parameters, state } = &mut *workspace;
@@ -94,7 +112,8 @@ pub(crate) fn for_each_batch(
             let samples = BATCH.min(end - from);
             channels.advance_to(mechanism, motion, from, samples);
             parameters.advance_to(sets, from, samples);
-            work(Batch { mechanism, channels, samples }, from, BatchParameters { sets, slots: parameters }, state);
+            let (batch, bodies) = (Batch { mechanism, channels, samples }, BatchParameters { sets, slots: parameters });
+            work(batch, from, bodies, state, &mut own);
         }
         channels.release();
         WORKSPACE.set(Some(workspace));

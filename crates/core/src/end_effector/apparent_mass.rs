@@ -2,19 +2,21 @@
 //! their uncertainty.
 //!
 //! With `A = L L'` the singular values s of `J L^-T` give the apparent masses `1 / s^2` and, as left singular vectors
-//! v, their directions; with fewer degrees of freedom than rows, those in the range of J. Rates `w = m A^-1 J' v` move
-//! the end effector at unit speed along v, and a mass varies with the parameters as twice the kinetic energy does: `dm
-//! = w' dA w` to first order (Khatib 1987, section III; perturbation of a simple eigenvalue). No squared matrix is
-//! decomposed.
+//! v, their directions; with fewer degrees of freedom than rows, those in the range of J (Khatib 1987, section III). No
+//! squared matrix is decomposed.
 
-use crate::batch::link_velocity::contract_momentum;
-use crate::end_effector::jacobian::{
-    BodyParameters, EndEffector, EndEffectorModel, PoseGroup, Poses, check_indices, for_each_group, link_velocity,
-};
+use crate::batch::Batch;
+use crate::batch::sweep::{RecursionState, for_each_batch_with};
+use crate::dynamics::crba::{crba, joint_transforms, triangular_index};
+use crate::end_effector::jacobian::{EndEffector, Jacobian, check, check_indices};
+use crate::end_effector::spread::Spread;
 use crate::error::{Error, expect_length};
 use crate::linalg::jacobi_svd::JacobiSvd;
-use crate::mechanism::{LINK_PARAMETERS, Mechanism};
-use crate::memory::slot::{POSES, PoseSlot, pose_lanes};
+use crate::mechanism::Mechanism;
+use crate::mechanism::motion::Motion;
+use crate::mechanism::parameters::ParameterSets;
+use crate::memory::shared::SharedOutput;
+use crate::memory::slot::Slot;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
@@ -28,8 +30,8 @@ pub struct ApparentMassQuery<'a> {
     pub free: &'a [usize],
     /// Condition number of the Jacobian above which a pose has no masses.
     pub max_condition: f64,
-    /// Matrix F of the parameters' covariance F F': (ten for each link, one for each rotor) x `factor_columns`,
-    /// row-major. Empty for no covariance.
+    /// Matrix F of the parameters' covariance F F': [`Mechanism::columns`] x `factor_columns`, row-major; only rows of
+    /// links and rotors count. Empty for no covariance.
     pub covariance_factor: &'a [f64],
     /// Columns of the covariance factor.
     pub factor_columns: usize,
@@ -50,8 +52,7 @@ impl ApparentMassQuery<'_> {
         self.rows.len().min(self.free.len())
     }
 
-    /// Numbers per pose: condition number, masses in descending order, their directions, and the upper triangle of
-    /// their covariance, row by row.
+    /// Numbers of the covariance of a pose's masses: its upper triangle, or none without a covariance of the parameters.
     ///
     /// # Example
     ///
@@ -59,17 +60,29 @@ impl ApparentMassQuery<'_> {
     /// use haptid_core::ApparentMassQuery;
     /// let query =
     ///     ApparentMassQuery { rows: &[0, 1], free: &[0], max_condition: 100., covariance_factor: &[], factor_columns: 0 };
-    /// // Condition number, one mass, its direction in the plane, its variance.
-    /// assert_eq!(query.width(), 5);
+    /// assert_eq!(query.pairs(), 0);
     /// ```
-    pub fn width(&self) -> usize {
-        let r = self.masses();
-        1 + r + r * self.rows.len() + r * (r + 1) / 2
+    pub fn pairs(&self) -> usize {
+        if self.factor_columns == 0 { 0 } else { self.masses() * (self.masses() + 1) / 2 }
     }
 }
 
-/// Apparent masses, kg or kg m^2: [`ApparentMassQuery::width`] numbers for each pose. They are NaN where the condition
-/// number exceeds its limit, or where the mass matrix is not positive definite.
+/// Apparent masses at the poses of a motion. All but the condition number are NaN where that exceeds its limit, or where
+/// the mass matrix is not positive definite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ApparentMasses {
+    /// Condition number of the Jacobian, poses.
+    pub condition: Vec<f64>,
+    /// Masses in descending order, kg or kg m^2, poses x masses.
+    pub masses: Vec<f64>,
+    /// Their directions, unit vectors whose largest component is positive, poses x masses x rows.
+    pub directions: Vec<f64>,
+    /// Upper triangle of their covariance, row by row, poses x [`ApparentMassQuery::pairs`].
+    pub covariance: Vec<f64>,
+}
+
+/// Apparent masses. Of the motion only positions and loops are read; `chi` are parameters as for
+/// [`crate::mass_matrix`].
 ///
 /// # Example
 ///
@@ -78,226 +91,102 @@ impl ApparentMassQuery<'_> {
 /// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
 /// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
 /// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
-/// # let poses = Poses { samples: 1, position: &[0.3], rates: &[1.] };
+/// # let poses = Motion { samples: 1, position: &[0.3], velocity: &[], acceleration: None, external: &[], loops: &[] };
 /// # let end_effector = EndEffector { link: 0, point: [0.5, 0., 0.] };
-/// # let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
 /// // A pendulum of 2 kg whose end effector is the mass.
 /// let query = ApparentMassQuery { rows: &[0, 1], free: &[0], max_condition: 100., covariance_factor: &[], factor_columns: 0 };
-/// let mut out = vec![0.; query.width()];
-/// apparent_mass(&pendulum, &poses, &end_effector, &bodies, &query, &mut out)?;
-/// assert!((out[1] - 2.).abs() < 1e-12);
+/// let found = apparent_mass(&pendulum, &poses, &end_effector, &chi, &query)?;
+/// assert!((found.masses[0] - 2.).abs() < 1e-12);
 /// # Ok::<(), haptid_core::Error>(())
 /// ```
 pub fn apparent_mass(
     mechanism: &Mechanism,
-    poses: &Poses,
+    motion: &Motion,
     end_effector: &EndEffector,
-    bodies: &BodyParameters,
+    chi: &[f64],
     query: &ApparentMassQuery,
-    out: &mut [f64],
-) -> Result<(), Error> {
-    let model = EndEffectorModel::new(mechanism, poses, end_effector, bodies)?;
-    check_indices("row", query.rows, 6)?;
+) -> Result<ApparentMasses, Error> {
+    check(mechanism, motion, end_effector, query.rows)?;
     check_indices("coordinate", query.free, mechanism.coordinates)?;
-    let columns = bodies.chi.len() + bodies.inertia.len();
-    expect_length("spread", query.covariance_factor.len(), columns * query.factor_columns)?;
-    expect_length("out", out.len(), poses.samples * query.width())?;
-    if out.is_empty() {
-        return Ok(());
+    expect_length("spread", query.covariance_factor.len(), mechanism.columns() * query.factor_columns)?;
+    let (n, m, r, pairs) = (motion.samples, query.rows.len(), query.masses(), query.pairs());
+    let mut made = ApparentMasses {
+        condition: vec![0.0; n],
+        masses: vec![0.0; n * r],
+        directions: vec![0.0; n * r * m],
+        covariance: vec![0.0; n * pairs],
+    };
+    let sets = ParameterSets::new(mechanism, n, chi)?;
+    let condition = SharedOutput::new(&mut made.condition);
+    let [masses, directions, covariance] =
+        [&mut made.masses, &mut made.directions, &mut made.covariance].map(|x| SharedOutput::new(x));
+    let start = || ApparentMassState {
+        query,
+        jacobian: Jacobian::new(mechanism, end_effector, query.rows),
+        svd: JacobiSvd::new(m, query.free.len()),
+        spread: Spread::new(mechanism, query),
+    };
+    for_each_batch_with(mechanism, motion, &sets, start, |batch, from, bodies, state, own| {
+        // SAFETY: [`for_each_batch_with`] gives a batch and a state of the mechanism; batches are disjoint ranges of
+        // samples, whose numbers only this call writes.
+        unsafe {
+            joint_transforms(mechanism.backend, batch, state);
+            crba(mechanism.backend, batch, bodies, state);
+            decompose(mechanism.backend, batch, state, own);
+            let poses = (from, batch.samples);
+            write(core::slice::from_ref(&own.svd.condition), poses, condition);
+            write(&own.svd.masses, poses, masses);
+            write(&own.svd.directions, poses, directions);
+            write(&own.spread.covariance, poses, covariance);
+        }
+    });
+    Ok(made)
+}
+
+/// Write slots as one row of numbers for each pose.
+///
+/// # Safety
+///
+/// `out` has a number for each slot and pose, and nobody else uses those of poses `from..from + count`.
+unsafe fn write(slots: &[Slot], (from, count): (usize, usize), out: SharedOutput) {
+    for (e, slot) in slots.iter().enumerate() {
+        for (k, &x) in slot.0[..count].iter().enumerate() {
+            // SAFETY: the caller's promise.
+            unsafe { out.at((from + k) * slots.len() + e).write(x) };
+        }
     }
-    for_each_group(
-        &model,
-        out,
-        query.width(),
-        || ApparentMassState::new(&model, query),
-        |group, state, out| state.fill(&model, group, out),
-    );
-    Ok(())
 }
 
 /// Buffers of one thread.
 struct ApparentMassState<'a> {
     query: &'a ApparentMassQuery<'a>,
+    jacobian: Jacobian<'a>,
     svd: JacobiSvd,
-    /// Singular triplets of one pose, largest mass first.
-    order: Vec<usize>,
-    /// Coordinate rates that move the end effector at unit speed along each direction, masses x coordinates.
-    rates: Vec<PoseSlot>,
-    /// Derivative of each mass along each column of the covariance factor, masses x factor columns.
-    change: Vec<PoseSlot>,
-    /// Uncertain columns of each link, then of the rotors.
-    uncertain: Vec<Vec<(usize, usize)>>,
-}
-
-impl<'a> ApparentMassState<'a> {
-    fn new(model: &EndEffectorModel, query: &'a ApparentMassQuery<'a>) -> ApparentMassState<'a> {
-        let r = query.masses();
-        let inertial = model.bodies().chi.len();
-        let doubt = |c: usize| {
-            query.covariance_factor[c * query.factor_columns..][..query.factor_columns].iter().any(|&x| x != 0.0)
-        };
-        let group = |from: usize, to: usize| (from..to).filter(|&c| doubt(c)).map(|c| (c - from, c)).collect();
-        let mut uncertain: Vec<Vec<_>> =
-            (0..inertial).step_by(LINK_PARAMETERS).map(|c| group(c, c + LINK_PARAMETERS)).collect();
-        uncertain.push(group(inertial, inertial + model.bodies().inertia.len()));
-        ApparentMassState {
-            query,
-            svd: JacobiSvd::new(query.rows.len(), query.free.len()),
-            order: (0..r).collect(),
-            rates: vec![PoseSlot::ZERO; r * model.mechanism.coordinates],
-            change: vec![PoseSlot::ZERO; r * query.factor_columns],
-            uncertain,
-        }
-    }
-
-    fn fill(&mut self, model: &EndEffectorModel, group: &PoseGroup, out: &mut [f64]) {
-        let (query, na, n) = (self.query, model.mechanism.coordinates, self.query.free.len());
-        let (r, m) = (query.masses(), query.rows.len());
-        decompose(model.mechanism.backend, model, group, self);
-        for (k, out) in out.chunks_exact_mut(query.width()).enumerate() {
-            out.fill(f64::NAN);
-            out[0] = self.svd.condition.0[k];
-            let known = out[0] <= query.max_condition && self.svd.definite.0[k] == 1.0;
-            self.sort(k);
-            for (place, &e) in self.order.iter().enumerate() {
-                let direction = &self.svd.directions[e * m..][..m];
-                // The component of largest magnitude is positive.
-                let largest =
-                    direction.iter().map(|x| x.0[k]).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
-                let sign = if largest < 0.0 { -1.0 } else { 1.0 };
-                if known {
-                    out[1 + place] = self.svd.masses[e].0[k];
-                    for (to, from) in out[1 + r + place * m..][..m].iter_mut().zip(direction) {
-                        *to = sign * from.0[k];
-                    }
-                }
-                if query.factor_columns == 0 {
-                    continue;
-                }
-                for (a, &coordinate) in query.free.iter().enumerate() {
-                    self.rates[place * na + coordinate].0[k] =
-                        if known { sign * self.svd.rates[e * n + a].0[k] } else { 0.0 };
-                }
-            }
-        }
-        if query.factor_columns > 0 {
-            // SAFETY: the buffers have been made for the query; pose slots have room for whole lanes.
-            unsafe { changes(model.mechanism.backend, model, group, self) };
-            self.covariance(out);
-        }
-    }
-
-    /// Order the triplets of a pose, from an earlier one's order: few are in another.
-    fn sort(&mut self, k: usize) {
-        for end in 1..self.order.len() {
-            let mass = |e: usize| self.svd.masses[e].0[k];
-            let mut place = end;
-            while place > 0 && mass(self.order[place - 1]) < mass(self.order[place]) {
-                self.order.swap(place - 1, place);
-                place -= 1;
-            }
-        }
-    }
-
-    /// Covariance of the masses, at every pose that has them.
-    fn covariance(&self, out: &mut [f64]) {
-        let (r, m, s) = (self.query.masses(), self.query.rows.len(), self.query.factor_columns);
-        let pairs = (0..r).flat_map(|i| (i..r).map(move |j| (i, j)));
-        for (at, (i, j)) in pairs.enumerate() {
-            let mut sum = [0.0; POSES];
-            for (left, right) in self.change[i * s..][..s].iter().zip(&self.change[j * s..][..s]) {
-                for (sum, (left, right)) in sum.iter_mut().zip(left.0.iter().zip(&right.0)) {
-                    *sum += left * right;
-                }
-            }
-            for (out, sum) in out.chunks_exact_mut(self.query.width()).zip(sum) {
-                if !out[1].is_nan() {
-                    out[1 + r + r * m + at] = sum;
-                }
-            }
-        }
-    }
+    spread: Spread<'a>,
 }
 
 dispatched! {
-    fn decompose =
-        decompose_in_lanes(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState)
+    unsafe fn decompose = decompose_in_lanes(batch: Batch, state: &mut RecursionState, own: &mut ApparentMassState)
 }
 
 #[inline(always)]
-fn decompose_in_lanes<T: Lane>(
+unsafe fn decompose_in_lanes<T: Lane>(
     simd: Simd<T>,
-    model: &EndEffectorModel,
-    group: &PoseGroup,
-    state: &mut ApparentMassState,
+    batch: Batch,
+    state: &mut RecursionState,
+    own: &mut ApparentMassState,
 ) {
-    let (query, na) = (state.query, model.mechanism.coordinates);
-    state.svd.solve(
-        simd,
-        |row, a| &group.jacobian[query.rows[row] * na + query.free[a]],
-        |a, b| &group.mass[query.free[a] * na + query.free[b]],
-    );
-    if query.factor_columns > 0 {
-        // SAFETY: `pose_lanes` leaves room for a lane in pose slots.
-        pose_lanes(simd).for_each(|k| unsafe { state.svd.unit_speed_rates(simd, k) });
+    let (query, na) = (own.query, batch.mechanism.coordinates);
+    // SAFETY: batch and state are as in the head of `jacobian`; `lanes` leaves room for a lane in slots.
+    unsafe {
+        own.jacobian.evaluate(simd, batch, state);
+        own.svd.solve(
+            simd,
+            batch.samples,
+            |row, a| &own.jacobian.entries[row * na + query.free[a]],
+            |a, b| &state.mass[triangular_index(query.free[a], query.free[b])],
+            query.max_condition,
+        );
+        own.spread.evaluate(simd, batch, state, &own.svd);
     }
-}
-
-dispatched! {
-    unsafe fn changes = changes_in_lanes(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState)
-}
-
-#[inline(always)]
-unsafe fn changes_in_lanes<T: Lane>(
-    simd: Simd<T>,
-    model: &EndEffectorModel,
-    group: &PoseGroup,
-    state: &mut ApparentMassState,
-) {
-    state.change.fill(PoseSlot::ZERO);
-    let (na, s) = (model.mechanism.coordinates, state.query.factor_columns);
-    for k in pose_lanes(simd) {
-        for (rates, change) in state.rates.chunks_exact(na).zip(state.change.chunks_exact_mut(s)) {
-            for (i, columns) in state.uncertain.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
-                // SAFETY: the loop over k leaves room for a lane in pose slots, here and below.
-                let energies: UnitEnergy<T> = if i < model.mechanism.links.len() {
-                    // SAFETY: as above.
-                    let velocity = unsafe { link_velocity(simd, model, group, i, rates, k) };
-                    UnitEnergy::Link(contract_momentum(velocity, velocity))
-                } else {
-                    UnitEnergy::Rotors
-                };
-                for &(place, column) in columns {
-                    let energy = match &energies {
-                        UnitEnergy::Link(of) => of[place],
-                        // SAFETY: as above.
-                        UnitEnergy::Rotors => unsafe {
-                            rotor_energy(simd, &model.bodies().rotors[place * na..][..na], rates, k)
-                        },
-                    };
-                    let spread = &state.query.covariance_factor[column * s..][..s];
-                    for (slot, &share) in change.iter_mut().zip(spread) {
-                        // SAFETY: as above.
-                        unsafe { slot.store(k, energy.fma(simd.splat(share), slot.load(simd, k))) };
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Twice the kinetic energy of unit parameters, at rates that move the end effector at unit speed.
-enum UnitEnergy<T> {
-    Link([T; LINK_PARAMETERS]),
-    Rotors,
-}
-
-#[inline(always)]
-unsafe fn rotor_energy<T: Lane>(simd: Simd<T>, weights: &[f64], rates: &[PoseSlot], k: usize) -> T {
-    let mut speed = simd.splat(0.0);
-    for (&weight, rate) in weights.iter().zip(rates) {
-        // SAFETY: the caller promises room for a lane from k on.
-        speed = unsafe { rate.load(simd, k) }.fma(simd.splat(weight), speed);
-    }
-    speed.mul(speed)
 }

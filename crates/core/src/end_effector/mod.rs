@@ -2,3 +2,4 @@
 
 pub(crate) mod apparent_mass;
 pub(crate) mod jacobian;
+pub(crate) mod spread;

@@ -1,132 +1,85 @@
-//! Singular values and vectors of `J L^-T` with `A = L L'` (J the Jacobian, A the mass matrix of a pose), by one-sided
-//! Jacobi rotations, for a group of poses together.
+//! Singular values of a Jacobian J and of `J L^-T` with `A = L L'` (A the mass matrix), at every pose of a batch, by
+//! one-sided Jacobi rotations of triangles.
 //!
-//! Safety: pose slots have [`crate::memory::slot::POSES`] numbers; unsafe functions take a `k` with
-//! `k + T::WIDTH <= POSES`.
+//! With as many coordinates as rows or more, the rows of J and of `J L^-T` are first made orthogonal one after another
+//! (modified Gram-Schmidt; Golub and Van Loan 2013, section 5.2.8): what is rotated are short vectors, whose directions
+//! are the masses' own. No squared matrix is decomposed.
+//!
+//! Safety: unsafe functions take a `k` that is one of [`groups`], or a lane's.
 
-use crate::memory::slot::{PoseSlot, pose_lanes};
+use crate::memory::slot::{GROUP, Slot, groups};
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
-/// Maximum number of Jacobi sweeps; five are usual.
+/// Maximum number of Jacobi sweeps; four are usual.
 const MAX_SWEEPS: usize = 30;
 /// Vectors are orthogonal if the cosine of their angle is below this.
 const ORTHOGONALITY: f64 = 1e-15;
 /// A pivot that cancellation has reduced to this share of the diagonal is not known to be positive.
 const LEAST_PIVOT: f64 = 1e-14;
 
-/// Decomposition at each pose, of m rows and n coordinates: r = min(m, n) singular triplets, in no order.
+/// Decomposition at each pose, of m rows and n coordinates: r = min(m, n) masses in descending order.
+#[derive(Default)]
 pub(crate) struct JacobiSvd {
     m: usize,
     n: usize,
-    /// Cholesky factor of A below the diagonal, n x n; the diagonal has reciprocals.
-    factor: Vec<PoseSlot>,
-    /// L^-1 J': m vectors of length n.
-    columns: Vec<PoseSlot>,
-    /// Rows or columns of J, and of `J L^-T`, whichever are fewer.
-    plain: Vectors,
-    weighted: Vectors,
+    /// Cholesky factor of A, its lower triangle row by row; the diagonal has reciprocals.
+    factor: Vec<Slot>,
+    /// `J L^-T`, m rows of length n.
+    pub(crate) rows: Vec<Slot>,
+    /// Vectors that are made orthogonal, m of length n.
+    plain: Vec<Slot>,
+    weighted: Vec<Slot>,
+    /// Vectors that are rotated, r of length m.
+    short: [Vec<Slot>; 2],
     /// Condition number of J: its largest singular value by its smallest; infinite where the rank is deficient.
-    pub(crate) condition: PoseSlot,
+    pub(crate) condition: Slot,
     /// One where A is positive definite, else zero.
-    pub(crate) definite: PoseSlot,
-    /// Apparent masses 1 / s^2, r.
-    pub(crate) masses: Vec<PoseSlot>,
-    /// Unit directions of the masses, r x m.
-    pub(crate) directions: Vec<PoseSlot>,
-    /// Coordinate rates that move the end effector at unit speed along each direction, r x n.
-    pub(crate) rates: Vec<PoseSlot>,
+    definite: Slot,
+    /// Apparent masses 1 / s^2, r; NaN where they are not known.
+    pub(crate) masses: Vec<Slot>,
+    /// Unit directions of the masses, r x m, the largest component of each positive.
+    pub(crate) directions: Vec<Slot>,
 }
 
 impl JacobiSvd {
     pub(crate) fn new(m: usize, n: usize) -> JacobiSvd {
-        let (r, zeros) = (m.min(n), |len| vec![PoseSlot::ZERO; len]);
+        let (r, zeros) = (m.min(n), |len| vec![Slot::ZERO; len]);
         JacobiSvd {
             m,
             n,
-            factor: zeros(n * n),
-            columns: zeros(m * n),
-            plain: Vectors::new(r, m.max(n)),
-            weighted: Vectors::new(r, m.max(n)),
-            condition: PoseSlot::ZERO,
-            definite: PoseSlot::ZERO,
+            factor: zeros(n * (n + 1) / 2),
+            rows: zeros(m * n),
+            plain: zeros(m * n),
+            weighted: zeros(m * n),
+            short: [zeros(r * m), zeros(r * m)],
+            condition: Slot::ZERO,
+            definite: Slot::ZERO,
             masses: zeros(r),
             directions: zeros(r * m),
-            rates: zeros(r * n),
         }
     }
 
-    fn triplets(&self) -> usize {
-        self.m.min(self.n)
-    }
-
-    /// Determine condition number, masses and directions; `jacobian(row, a)` and `mass(a, b)` for `b <= a` are entries.
+    /// Condition numbers, masses and directions at the first `samples` poses; `jacobian(row, a)` and `mass(a, b)` for `b
+    /// <= a` are entries. Masses are unknown where the condition number exceeds its limit.
     #[inline(always)]
     pub(crate) fn solve<'s, T: Lane>(
         &mut self,
         simd: Simd<T>,
-        jacobian: impl Fn(usize, usize) -> &'s PoseSlot,
-        mass: impl Fn(usize, usize) -> &'s PoseSlot,
+        samples: usize,
+        jacobian: impl Fn(usize, usize) -> &'s Slot,
+        mass: impl Fn(usize, usize) -> &'s Slot,
+        max_condition: f64,
     ) {
-        let (m, n) = (self.m, self.n);
-        self.decompose(simd, mass);
-        for row in 0..m {
-            for a in 0..n {
-                let (entries, at) = (jacobian(row, a), if m <= n { row * n + a } else { a * m + row });
-                for k in pose_lanes(simd) {
-                    // SAFETY: `pose_lanes` leaves room for a lane, here and below.
-                    unsafe {
-                        let entry = entries.load(simd, k);
-                        let mut rest = entry;
-                        for b in 0..a {
-                            let known = self.columns[row * n + b].load(simd, k);
-                            rest = self.factor[a * n + b].load(simd, k).fnma(known, rest);
-                        }
-                        let made = rest.mul(self.factor[a * n + a].load(simd, k));
-                        self.columns[row * n + a].store(k, made);
-                        self.plain.entries[at].store(k, entry);
-                        self.weighted.entries[at].store(k, made);
-                    }
-                }
-            }
-        }
-        self.weighted.begin_rotations();
-        let (mut plain, mut weighted) = (true, true);
-        for _ in 0..MAX_SWEEPS {
-            (plain, weighted) = self.sweep(simd, plain, weighted);
-            if !plain && !weighted {
-                break;
-            }
-        }
-        for k in pose_lanes(simd) {
-            // SAFETY: as above.
+        for k in groups(simd, samples) {
+            // SAFETY: k is one of the groups, of which all functions here make use.
             unsafe {
-                let condition = self.plain.extent(simd, k);
-                self.condition.store(k, condition);
-                self.triplets_of_vectors(simd, k);
-            }
-        }
-    }
-
-    /// Coordinate rates for each direction v: m A^-1 J' v = m L^-T (L^-1 J') v.
-    #[inline(always)]
-    pub(crate) unsafe fn unit_speed_rates<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
-        let (m, n) = (self.m, self.n);
-        for e in 0..self.triplets() {
-            for a in (0..n).rev() {
-                // SAFETY: the caller's promise about k.
-                unsafe {
-                    let mut along = simd.splat(0.0);
-                    for row in 0..m {
-                        let share = self.directions[e * m + row].load(simd, k);
-                        along = self.columns[row * n + a].load(simd, k).fma(share, along);
-                    }
-                    let mut rest = self.masses[e].load(simd, k).mul(along);
-                    for b in a + 1..n {
-                        let known = self.rates[e * n + b].load(simd, k);
-                        rest = self.factor[b * n + a].load(simd, k).fnma(known, rest);
-                    }
-                    self.rates[e * n + a].store(k, rest.mul(self.factor[a * n + a].load(simd, k)));
+                self.decompose(simd, k, &mass);
+                self.solve_rows(simd, k, &jacobian);
+                self.shorten(simd, k);
+                match self.m {
+                    0..=3 => self.rotate::<T, 3>(simd, k, max_condition),
+                    _ => self.rotate::<T, 6>(simd, k, max_condition),
                 }
             }
         }
@@ -134,170 +87,315 @@ impl JacobiSvd {
 
     /// Cholesky decomposition A = L L', and where A is positive definite.
     #[inline(always)]
-    fn decompose<'s, T: Lane>(&mut self, simd: Simd<T>, mass: impl Fn(usize, usize) -> &'s PoseSlot) {
-        let n = self.n;
-        self.definite.0.fill(1.0);
-        for a in 0..n {
-            for b in 0..=a {
-                let entries = mass(a, b);
-                for k in pose_lanes(simd) {
-                    // SAFETY: `pose_lanes` leaves room for a lane.
-                    unsafe {
-                        let entry = entries.load(simd, k);
-                        let mut rest = entry;
-                        for c in 0..b {
-                            let other = self.factor[b * n + c].load(simd, k);
-                            rest = self.factor[a * n + c].load(simd, k).fnma(other, rest);
-                        }
-                        let made = if a == b {
-                            let least = entry.xor_sign(entry).mul(simd.splat(LEAST_PIVOT));
-                            let so_far = self.definite.load(simd, k);
-                            self.definite.store(k, T::select_gt(rest, least, so_far, simd.splat(0.0)));
-                            simd.splat(1.0).div(rest.sqrt())
-                        } else {
-                            rest.mul(self.factor[b * n + b].load(simd, k))
-                        };
-                        self.factor[a * n + b].store(k, made);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Masses and directions of the orthogonal vectors.
-    #[inline(always)]
-    unsafe fn triplets_of_vectors<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
-        let (m, r) = (self.m, self.triplets());
-        for e in 0..r {
-            // SAFETY: the caller's promise about k.
+    unsafe fn decompose<'s, T: Lane>(&mut self, simd: Simd<T>, k: usize, mass: impl Fn(usize, usize) -> &'s Slot) {
+        let mut definite = [simd.splat(1.0); GROUP];
+        for a in 0..self.n {
+            let (above, row) = self.factor.split_at_mut(a * (a + 1) / 2);
+            // SAFETY: the caller's promise about k, here and below.
             unsafe {
-                let square = self.weighted.square(simd, e, k);
-                self.masses[e].store(k, simd.splat(1.0).div(square));
-                let inverse = simd.splat(1.0).div(square.sqrt());
-                for row in 0..m {
-                    let share = if m <= self.n {
-                        self.weighted.rotations[row * r + e].load(simd, k)
-                    } else {
-                        self.weighted.entries[e * m + row].load(simd, k).mul(inverse)
-                    };
-                    self.directions[e * m + row].store(k, share);
+                for b in 0..a {
+                    let (mut rest, other) = (mass(a, b).load_group(simd, k), &above[b * (b + 1) / 2..][..=b]);
+                    for (known, other) in row[..b].iter().zip(other) {
+                        rest = fnma(known.load_group(simd, k), other.load_group(simd, k), rest);
+                    }
+                    let pivot = other[b].load_group(simd, k);
+                    row[b].store_group(k, mul(rest, pivot));
+                }
+                let entry = mass(a, a).load_group(simd, k);
+                let mut rest = entry;
+                for known in &row[..a] {
+                    let known = known.load_group(simd, k);
+                    rest = fnma(known, known, rest);
+                }
+                for (g, definite) in definite.iter_mut().enumerate() {
+                    let least = entry[g].xor_sign(entry[g]).mul(simd.splat(LEAST_PIVOT));
+                    *definite = T::select_gt(rest[g], least, *definite, simd.splat(0.0));
+                    rest[g] = rest[g].inverse_sqrt();
+                }
+                row[a].store_group(k, rest);
+            }
+        }
+        // SAFETY: as above.
+        unsafe { self.definite.store_group(k, definite) };
+    }
+
+    /// `J L^-T`, and copies of it and of J that will be made orthogonal.
+    #[inline(always)]
+    unsafe fn solve_rows<'s, T: Lane>(&mut self, simd: Simd<T>, k: usize, jacobian: impl Fn(usize, usize) -> &'s Slot) {
+        for a in 0..self.n {
+            let factor = &self.factor[a * (a + 1) / 2..][..=a];
+            for row in 0..self.m {
+                let (known, made) = self.rows[row * self.n..].split_at_mut(a);
+                // SAFETY: the caller's promise about k.
+                unsafe {
+                    let entry = jacobian(row, a).load_group(simd, k);
+                    let mut rest = entry;
+                    for (known, factor) in known.iter().zip(factor) {
+                        rest = fnma(factor.load_group(simd, k), known.load_group(simd, k), rest);
+                    }
+                    let pivot = factor[a].load_group(simd, k);
+                    let solved = mul(rest, pivot);
+                    made[0].store_group(k, solved);
+                    self.plain[row * self.n + a].store_group(k, entry);
+                    self.weighted[row * self.n + a].store_group(k, solved);
                 }
             }
         }
     }
 
-    /// One sweep over all pairs of both sets that still turn (Hestenes 1958); which of them has turned. The rotations of
-    /// one set, or lane, wait for square roots, while the others' go on.
+    /// The vectors that are rotated: columns of both matrices, or the rows of the triangle that is left of their rows.
     #[inline(always)]
-    fn sweep<T: Lane>(&mut self, simd: Simd<T>, plain: bool, weighted: bool) -> (bool, bool) {
-        let mut turned = (false, false);
-        for e in 0..self.triplets() {
-            for f in e + 1..self.triplets() {
-                for k in pose_lanes(simd) {
-                    // SAFETY: `pose_lanes` leaves room for a lane.
-                    unsafe {
-                        turned.0 |= plain && self.plain.rotate_pair::<T, false>(simd, e, f, k);
-                        turned.1 |= weighted && self.weighted.rotate_pair::<T, true>(simd, e, f, k);
+    unsafe fn shorten<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
+        let (m, n, none) = (self.m, self.n, simd.splat(0.0));
+        for (long, short) in [&mut self.plain, &mut self.weighted].into_iter().zip(&mut self.short) {
+            if m > n {
+                for (at, to) in short.iter_mut().enumerate() {
+                    // SAFETY: the caller's promise about k, here and below.
+                    unsafe { to.store_group(k, long[at % m * n + at / m].load_group(simd, k)) };
+                }
+                continue;
+            }
+            for e in 0..m {
+                let (head, others) = long[e * n..].split_at_mut(n);
+                // SAFETY: as above.
+                unsafe {
+                    let square = dot(simd, head, head, k);
+                    let mut inverse = square;
+                    for inverse in &mut inverse {
+                        *inverse = T::select_gt(*inverse, none, inverse.inverse_sqrt(), none);
+                    }
+                    short[e * m + e].store_group(k, mul(square, inverse));
+                    for (f, other) in (e + 1..m).zip(others.chunks_exact_mut(n)) {
+                        let mut share = mul(dot(simd, head, other, k), inverse);
+                        short[e * m + f].store_group(k, share);
+                        share = mul(share, inverse);
+                        for (x, y) in head.iter().zip(other) {
+                            y.store_group(k, fnma(x.load_group(simd, k), share, y.load_group(simd, k)));
+                        }
                     }
                 }
             }
         }
-        turned
-    }
-}
-
-/// Vectors that one-sided Jacobi rotations make orthogonal; their norms become the singular values.
-struct Vectors {
-    count: usize,
-    long: usize,
-    /// The vectors, one after another.
-    entries: Vec<PoseSlot>,
-    /// Product of the rotations, count x count.
-    rotations: Vec<PoseSlot>,
-}
-
-impl Vectors {
-    fn new(count: usize, long: usize) -> Vectors {
-        let zeros = |len| vec![PoseSlot::ZERO; len];
-        Vectors { count, long, entries: zeros(count * long), rotations: zeros(count * count) }
     }
 
-    fn begin_rotations(&mut self) {
-        for (at, slot) in self.rotations.iter_mut().enumerate() {
-            slot.0.fill(if at % (self.count + 1) == 0 { 1.0 } else { 0.0 });
-        }
-    }
-
-    /// Squared norm of a vector.
+    /// Rotate the short vectors of both matrices until they are orthogonal.
     #[inline(always)]
-    unsafe fn square<T: Lane>(&self, simd: Simd<T>, e: usize, k: usize) -> T {
-        let mut sum = simd.splat(0.0);
-        for x in &self.entries[e * self.long..][..self.long] {
-            // SAFETY: the caller's promise about k.
-            let x = unsafe { x.load(simd, k) };
-            sum = x.fma(x, sum);
-        }
-        sum
-    }
-
-    /// Largest norm by smallest, infinite where one is zero.
-    #[inline(always)]
-    unsafe fn extent<T: Lane>(&self, simd: Simd<T>, k: usize) -> T {
-        let (mut low, mut high) = (simd.splat(f64::INFINITY), simd.splat(0.0));
-        for e in 0..self.count {
-            // SAFETY: the caller's promise about k.
-            let square = unsafe { self.square(simd, e, k) };
-            low = T::select_gt(low, square, square, low);
-            high = T::select_gt(square, high, square, high);
-        }
-        T::select_gt(low, simd.splat(0.0), high.div(low).sqrt(), simd.splat(f64::INFINITY))
-    }
-
-    /// Rotate two vectors in their plane until they are orthogonal; false where they are so at every pose already.
-    #[inline(always)]
-    unsafe fn rotate_pair<T: Lane, const ACCUMULATE: bool>(
-        &mut self,
-        simd: Simd<T>,
-        e: usize,
-        f: usize,
-        k: usize,
-    ) -> bool {
-        let (long, none, one) = (self.long, simd.splat(0.0), simd.splat(1.0));
-        let (head, tail) = self.entries.split_at_mut(f * long);
-        let (first, second) = (&mut head[e * long..][..long], &mut tail[..long]);
-        let (mut pp, mut qq, mut pq) = (none, none, none);
-        // SAFETY: the caller's promise about k, here and below.
-        unsafe {
-            for (p, q) in first.iter().zip(second.iter()) {
-                let (p, q) = (p.load(simd, k), q.load(simd, k));
-                (pp, qq, pq) = (p.fma(p, pp), q.fma(q, qq), p.fma(q, pq));
+    unsafe fn rotate<T: Lane, const K: usize>(&mut self, simd: Simd<T>, k: usize, max_condition: f64) {
+        let (m, r) = (self.m, self.m.min(self.n));
+        for (place, short) in self.short.iter().enumerate() {
+            let mut sets = [[[simd.splat(0.0); K]; K]; GROUP];
+            for (e, vector) in short.chunks_exact(m).enumerate() {
+                for (i, x) in vector.iter().enumerate() {
+                    // SAFETY: the caller's promise about k, here and below.
+                    let x = unsafe { x.load_group(simd, k) };
+                    sets.iter_mut().zip(x).for_each(|(set, x)| set[e][i] = x);
+                }
             }
-            let (square, bound) = (pq.mul(pq), pp.mul(qq).mul(simd.splat(ORTHOGONALITY * ORTHOGONALITY)));
-            // The comparison is false for NaN, which no rotation mends.
-            if T::select_gt(square, bound, one, none).sum() == 0.0 {
-                return false;
+            let mut turned = [true; GROUP];
+            for _ in 0..MAX_SWEEPS {
+                turned = sweep(simd, &mut sets, turned, r);
+                if turned == [false; GROUP] {
+                    break;
+                }
             }
-            // The smaller of the two angles whose tangent solves t^2 + 2 zeta t = 1, zeta = (qq - pp) / (2 pq): cosine and
-            // sine by one quotient, of which nothing cancels.
-            let (gap, twice) = (qq.sub(pp), pq.add(pq));
-            let root = gap.fma(gap, twice.mul(twice)).sqrt();
-            let across = gap.xor_sign(gap).add(root);
-            let inverse = one.div(across.mul(root.add(root)).sqrt());
-            let c = T::select_gt(square, bound, across.mul(inverse), one);
-            let s = T::select_gt(square, bound, twice.xor_sign(gap).mul(inverse), none);
-            let turn = |p: &mut PoseSlot, q: &mut PoseSlot| {
-                let (x, y) = (p.load(simd, k), q.load(simd, k));
-                p.store(k, s.fnma(y, c.mul(x)));
-                q.store(k, s.fma(x, c.mul(y)));
-            };
-            first.iter_mut().zip(second).for_each(|(p, q)| turn(p, q));
-            if ACCUMULATE {
-                for row in self.rotations.chunks_exact_mut(self.count) {
-                    let (left, right) = row.split_at_mut(f);
-                    turn(&mut left[e], &mut right[0]);
+            for (g, vectors) in sets.iter_mut().enumerate() {
+                let k = k + g * T::WIDTH;
+                // SAFETY: as above.
+                unsafe {
+                    match place {
+                        0 => self.condition.store(k, extent(simd, &vectors[..r])),
+                        _ => {
+                            let (condition, definite) = (self.condition.load(simd, k), self.definite.load(simd, k));
+                            let known = T::select_gt(condition, simd.splat(max_condition), simd.splat(0.0), definite);
+                            let squares = sort(simd, vectors, r);
+                            put((vectors, squares), known, (&mut self.masses, &mut self.directions), (m, k));
+                        }
+                    }
                 }
             }
         }
-        true
     }
+
+    /// Rates of the n coordinates that move the end effector at unit speed along the direction of mass `e`: m A^-1 J' v
+    /// = m L^-T (L^-1 J') v; zero where the mass is not known.
+    ///
+    /// # Safety
+    ///
+    /// As in the head of the file.
+    #[inline(always)]
+    pub(crate) unsafe fn unit_speed_rates<T: Lane>(&self, simd: Simd<T>, e: usize, k: usize, rates: &mut [Slot]) {
+        let (m, n, none) = (self.m, self.n, simd.splat(0.0));
+        // SAFETY: the caller's promise about k.
+        unsafe {
+            let mass = self.masses[e].load(simd, k);
+            for a in (0..n).rev() {
+                let mut along = none;
+                for row in 0..m {
+                    let share = self.directions[e * m + row].load(simd, k);
+                    along = self.rows[row * n + a].load(simd, k).fma(share, along);
+                }
+                let mut rest = mass.mul(along);
+                for (b, known) in rates.iter().enumerate().skip(a + 1) {
+                    rest = self.factor[b * (b + 1) / 2 + a].load(simd, k).fnma(known.load(simd, k), rest);
+                }
+                let rate = rest.mul(self.factor[a * (a + 1) / 2 + a].load(simd, k));
+                rates[a].store(k, T::select_gt(mass, none, rate, none));
+            }
+        }
+    }
+}
+
+/// `a b`
+#[inline(always)]
+fn mul<T: Lane>(mut a: [T; GROUP], b: [T; GROUP]) -> [T; GROUP] {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a = a.mul(b);
+    }
+    a
+}
+
+/// `c - a b`
+#[inline(always)]
+fn fnma<T: Lane>(a: [T; GROUP], b: [T; GROUP], mut c: [T; GROUP]) -> [T; GROUP] {
+    for (g, c) in c.iter_mut().enumerate() {
+        *c = a[g].fnma(b[g], *c);
+    }
+    c
+}
+
+/// Inner product.
+#[inline(always)]
+unsafe fn dot<T: Lane>(simd: Simd<T>, left: &[Slot], right: &[Slot], k: usize) -> [T; GROUP] {
+    let mut sum = [simd.splat(0.0); GROUP];
+    for (x, y) in left.iter().zip(right) {
+        // SAFETY: the caller's promise about k.
+        let (x, y) = unsafe { (x.load_group(simd, k), y.load_group(simd, k)) };
+        for (g, sum) in sum.iter_mut().enumerate() {
+            *sum = x[g].fma(y[g], *sum);
+        }
+    }
+    sum
+}
+
+/// Order the first `r` vectors by length, the shortest first; their squared lengths.
+#[inline(always)]
+fn sort<T: Lane, const K: usize>(simd: Simd<T>, vectors: &mut [[T; K]; K], r: usize) -> [T; K] {
+    let mut squares = [simd.splat(0.0); K];
+    for (own, vector) in squares.iter_mut().zip(vectors.iter()) {
+        *own = square(simd, vector);
+    }
+    for e in 0..r {
+        for f in e + 1..r {
+            let (a, b) = (squares[e], squares[f]);
+            (squares[e], squares[f]) = (T::select_gt(a, b, b, a), T::select_gt(a, b, a, b));
+            let (head, tail) = vectors.split_at_mut(f);
+            for (x, y) in head[e].iter_mut().zip(&mut tail[0]) {
+                (*x, *y) = (T::select_gt(a, b, *y, *x), T::select_gt(a, b, *x, *y));
+            }
+        }
+    }
+    squares
+}
+
+/// Store the masses of orthogonal vectors, of m components, and their directions, where `known` is above zero.
+#[inline(always)]
+unsafe fn put<T: Lane, const K: usize>(
+    (vectors, squares): (&[[T; K]; K], [T; K]),
+    known: T,
+    (masses, directions): (&mut [Slot], &mut [Slot]),
+    (m, k): (usize, usize),
+) {
+    let s = |x: f64| Simd::of(known).splat(x);
+    for (e, (mass, direction)) in masses.iter_mut().zip(directions.chunks_exact_mut(m)).enumerate() {
+        let mut largest = vectors[e][0];
+        for &x in &vectors[e][1..] {
+            largest = T::select_gt(x.xor_sign(x), largest.xor_sign(largest), x, largest);
+        }
+        let square = T::select_gt(known, s(0.0), squares[e], s(f64::NAN));
+        // SAFETY: the caller promises room for a lane from k on, here and below.
+        unsafe { mass.store(k, s(1.0).div(square)) };
+        let inverse = square.inverse_sqrt().xor_sign(largest);
+        for (to, &x) in direction.iter_mut().zip(&vectors[e]) {
+            // SAFETY: as above.
+            unsafe { to.store(k, x.mul(inverse)) };
+        }
+    }
+}
+
+/// One sweep over all pairs of the first `r` vectors of the sets that still turn (Hestenes 1958); which have turned.
+#[inline(always)]
+fn sweep<T: Lane, const K: usize>(
+    simd: Simd<T>,
+    sets: &mut [[[T; K]; K]; GROUP],
+    active: [bool; GROUP],
+    r: usize,
+) -> [bool; GROUP] {
+    let mut turned = [false; GROUP];
+    for e in 0..K {
+        for f in e + 1..K {
+            if f >= r {
+                continue;
+            }
+            for s in 0..GROUP {
+                if active[s] {
+                    let (head, tail) = sets[s].split_at_mut(f);
+                    turned[s] |= rotate_pair(simd, &mut head[e], &mut tail[0]);
+                }
+            }
+        }
+    }
+    turned
+}
+
+/// Rotate two vectors in their plane until they are nearly orthogonal; false where they are so at every pose already.
+#[inline(always)]
+fn rotate_pair<T: Lane, const K: usize>(simd: Simd<T>, p: &mut [T; K], q: &mut [T; K]) -> bool {
+    let s = |x: f64| simd.splat(x);
+    let (mut pp, mut qq, mut pq) = (p[0].mul(p[0]), q[0].mul(q[0]), p[0].mul(q[0]));
+    for i in 1..K {
+        (pp, qq, pq) = (p[i].fma(p[i], pp), q[i].fma(q[i], qq), p[i].fma(q[i], pq));
+    }
+    let (square, bound) = (pq.mul(pq), pp.mul(qq).mul(s(ORTHOGONALITY * ORTHOGONALITY)));
+    // The comparison is false for NaN, which no rotation mends.
+    if !T::any_gt(square, bound) {
+        return false;
+    }
+    // A rotation by theta, tan 2 theta = b / a, makes them orthogonal. Half of it has a rational tangent here, exact for
+    // small angles up to the square and within 4 per cent of any other: the next sweep mends it. Cosine and sine belong
+    // to each other whatever the angle, and take one quotient (the idea is McAdams' et al. 2011, TR1690, section 2).
+    let (gap, twice) = (qq.sub(pp), pq.add(pq));
+    let (a, b) = (gap.xor_sign(gap), twice.xor_sign(twice));
+    let up = b.mul(b.fma(s(0.7405), a));
+    let along = a.mul(a.fma(s(4.0), b.mul(s(2.962)))).add(b.mul(b).mul(s(1.788)));
+    let (uu, inverse) = (up.mul(up), s(1.0).div(up.fma(up, along.mul(along))));
+    let cosine = along.fma(along, uu.neg()).mul(inverse);
+    let sine = along.add(along).mul(up).mul(inverse).xor_sign(twice).xor_sign(gap);
+    let c = T::select_gt(square, bound, cosine, s(1.0));
+    let s = T::select_gt(square, bound, sine, s(0.0));
+    for (p, q) in p.iter_mut().zip(q) {
+        (*p, *q) = (s.fnma(*q, c.mul(*p)), s.fma(*p, c.mul(*q)));
+    }
+    true
+}
+
+/// Squared norm of a vector.
+#[inline(always)]
+fn square<T: Lane, const K: usize>(simd: Simd<T>, vector: &[T; K]) -> T {
+    let mut sum = simd.splat(0.0);
+    for x in vector {
+        sum = x.fma(*x, sum);
+    }
+    sum
+}
+
+/// Largest norm by smallest, infinite where one is zero.
+#[inline(always)]
+fn extent<T: Lane, const K: usize>(simd: Simd<T>, vectors: &[[T; K]]) -> T {
+    let (mut low, mut high) = (simd.splat(f64::INFINITY), simd.splat(0.0));
+    for vector in vectors {
+        let square = square(simd, vector);
+        low = T::select_gt(low, square, square, low);
+        high = T::select_gt(square, high, square, high);
+    }
+    T::select_gt(low, simd.splat(0.0), high.div(low).sqrt(), simd.splat(f64::INFINITY))
 }

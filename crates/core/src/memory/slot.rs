@@ -1,10 +1,14 @@
-//! Slots: one quantity at every sample of a batch, or at a group of poses.
+//! Slots: one quantity at every sample of a batch.
 
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
 /// Samples in a batch.
 pub(crate) const BATCH: usize = 32;
+
+/// Lanes that are computed together where one alone would wait for its own results.
+pub(crate) const GROUP: usize = 4;
+const _: () = assert!(BATCH.is_multiple_of(GROUP * MAX_WIDTH), "a batch is whole groups");
 
 /// One quantity at every sample of a batch, aligned so that no lane crosses a cache line.
 #[derive(Clone, Copy)]
@@ -13,47 +17,63 @@ pub(crate) struct Slot(pub(crate) [f64; BATCH]);
 
 impl Slot {
     pub(crate) const ZERO: Slot = Slot([0.0; BATCH]);
+
+    /// The lane from sample `k` on.
+    ///
+    /// # Safety
+    ///
+    /// `k + T::WIDTH <= BATCH`.
+    #[inline(always)]
+    pub(crate) unsafe fn load<T: Lane>(&self, simd: Simd<T>, k: usize) -> T {
+        debug_assert!(k + T::WIDTH <= BATCH);
+        // SAFETY: the caller's promise.
+        unsafe { simd.load(self.0.as_ptr().add(k)) }
+    }
+
+    /// The lanes of a group, from sample `k` on.
+    ///
+    /// # Safety
+    ///
+    /// `k` is one of [`groups`].
+    #[inline(always)]
+    pub(crate) unsafe fn load_group<T: Lane>(&self, simd: Simd<T>, k: usize) -> [T; GROUP] {
+        let mut lanes = [simd.splat(0.0); GROUP];
+        for (g, lane) in lanes.iter_mut().enumerate() {
+            // SAFETY: a batch is a multiple of the group.
+            *lane = unsafe { self.load(simd, k + g * T::WIDTH) };
+        }
+        lanes
+    }
+
+    /// Write the lanes of a group, from sample `k` on.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Slot::load_group`].
+    #[inline(always)]
+    pub(crate) unsafe fn store_group<T: Lane>(&mut self, k: usize, lanes: [T; GROUP]) {
+        for (g, lane) in lanes.into_iter().enumerate() {
+            // SAFETY: as above.
+            unsafe { self.store(k + g * T::WIDTH, lane) };
+        }
+    }
+
+    /// Write the lane from sample `k` on.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Slot::load`].
+    #[inline(always)]
+    pub(crate) unsafe fn store<T: Lane>(&mut self, k: usize, lane: T) {
+        debug_assert!(k + T::WIDTH <= BATCH);
+        // SAFETY: the caller's promise.
+        unsafe { lane.store(self.0.as_mut_ptr().add(k)) };
+    }
 }
 
 impl Default for Slot {
     fn default() -> Slot {
         Slot::ZERO
-    }
-}
-
-/// Poses in a group: two of the widest lanes, so that one goes on while the other waits for a square root.
-pub(crate) const POSES: usize = 2 * MAX_WIDTH;
-
-/// One quantity at a group of poses, aligned so that no lane crosses a cache line.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-pub(crate) struct PoseSlot(pub(crate) [f64; POSES]);
-
-impl PoseSlot {
-    pub(crate) const ZERO: PoseSlot = PoseSlot([0.0; POSES]);
-
-    /// The lane from pose `k` on.
-    ///
-    /// # Safety
-    ///
-    /// `k + T::WIDTH <= POSES`.
-    #[inline(always)]
-    pub(crate) unsafe fn load<T: Lane>(&self, simd: Simd<T>, k: usize) -> T {
-        debug_assert!(k + T::WIDTH <= POSES);
-        // SAFETY: the caller's promise.
-        unsafe { simd.load(self.0.as_ptr().add(k)) }
-    }
-
-    /// Write the lane from pose `k` on.
-    ///
-    /// # Safety
-    ///
-    /// As for [`PoseSlot::load`].
-    #[inline(always)]
-    pub(crate) unsafe fn store<T: Lane>(&mut self, k: usize, lane: T) {
-        debug_assert!(k + T::WIDTH <= POSES);
-        // SAFETY: the caller's promise.
-        unsafe { lane.store(self.0.as_mut_ptr().add(k)) };
     }
 }
 
@@ -81,10 +101,10 @@ pub(crate) unsafe fn store<T: Lane, const N: usize>(first: *mut Slot, k: usize, 
     }
 }
 
-/// First poses of a group's lanes.
+/// First samples of the groups of lanes that hold so many samples.
 #[inline(always)]
-pub(crate) fn pose_lanes<T: Lane>(_: Simd<T>) -> impl Iterator<Item = usize> {
-    (0..POSES / T::WIDTH).map(|lane| lane * T::WIDTH)
+pub(crate) fn groups<T: Lane>(_: Simd<T>, samples: usize) -> impl Iterator<Item = usize> {
+    (0..samples.div_ceil(GROUP * T::WIDTH)).map(|group| group * GROUP * T::WIDTH)
 }
 
 /// Extend a buffer to at least this length; the present items are kept.

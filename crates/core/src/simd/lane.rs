@@ -44,12 +44,20 @@ pub(crate) trait Lane: Copy {
     fn mul(self, b: Self) -> Self;
     fn div(self, b: Self) -> Self;
     fn sqrt(self) -> Self;
+    /// One by the square root of a normal number, to 4 ulp: without a division where the processor can. Of zero it is
+    /// infinite or no number.
+    #[inline(always)]
+    fn inverse_sqrt(self) -> Self {
+        Simd::of(self).splat(1.0).div(self.sqrt())
+    }
     /// `self * b + c`
     fn fma(self, b: Self, c: Self) -> Self;
     /// `c - self * b`
     fn fnma(self, b: Self, c: Self) -> Self;
     /// `a > b ? x : y`, per sample.
     fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self;
+    /// Whether `a > b` for any sample.
+    fn any_gt(a: Self, b: Self) -> bool;
     /// The bit patterns shifted to the left by `BY`.
     fn shift_left<const BY: u32>(self) -> Self;
     /// Exclusive or of the bit patterns.

@@ -89,6 +89,10 @@ impl<const FUSED: bool> Lane for Portable<FUSED> {
         y
     }
     #[inline(always)]
+    fn any_gt(a: Self, b: Self) -> bool {
+        a.0.iter().zip(b.0).any(|(a, b)| *a > b)
+    }
+    #[inline(always)]
     fn shift_left<const BY: u32>(self) -> Self {
         Portable(self.0.map(|x| f64::from_bits(x.to_bits() << BY)))
     }

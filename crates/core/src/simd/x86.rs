@@ -12,7 +12,7 @@ pub(crate) struct Avx512(__m512d);
 
 macro_rules! intrinsic {
     ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $sqrt:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr, $four:expr) => {
+     $div:ident, $sqrt:ident, $inverse_sqrt:ident, $fma:ident, $fnma:ident, $select:expr, $any_gt:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr, $four:expr) => {
         impl Lane for $name {
             const WIDTH: usize = $width;
             const PANEL: usize = $panel;
@@ -63,6 +63,11 @@ macro_rules! intrinsic {
                 unsafe { $name($sqrt(self.0)) }
             }
             #[inline(always)]
+            fn inverse_sqrt(self) -> Self {
+                // SAFETY: the lane proves the instructions.
+                unsafe { $name($inverse_sqrt(self.0)) }
+            }
+            #[inline(always)]
             fn fma(self, b: Self, c: Self) -> Self {
                 // SAFETY: the lane proves the instructions.
                 unsafe { $name($fma(self.0, b.0, c.0)) }
@@ -76,6 +81,11 @@ macro_rules! intrinsic {
             fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self {
                 // SAFETY: the lane proves the instructions.
                 unsafe { $name($select(a.0, b.0, x.0, y.0)) }
+            }
+            #[inline(always)]
+            fn any_gt(a: Self, b: Self) -> bool {
+                // SAFETY: the lane proves the instructions.
+                unsafe { $any_gt(a.0, b.0) }
             }
             #[inline(always)]
             fn shift_left<const BY: u32>(self) -> Self {
@@ -136,6 +146,27 @@ unsafe fn halved(a: __m512d, b: __m512d) -> __m256d {
     }
 }
 
+/// One by the square root.
+#[inline(always)]
+unsafe fn inverse_sqrt(x: __m256d) -> __m256d {
+    // SAFETY: the caller has lanes, which prove AVX2.
+    unsafe { _mm256_div_pd(_mm256_set1_pd(1.0), _mm256_sqrt_pd(x)) }
+}
+
+/// One by the square root, from 14 bits by two steps of Newton's method, which double them.
+#[inline(always)]
+unsafe fn wide_inverse_sqrt(x: __m512d) -> __m512d {
+    // SAFETY: the caller has wide lanes, which prove AVX-512F.
+    unsafe {
+        let (half, most) = (_mm512_mul_pd(x, _mm512_set1_pd(0.5)), _mm512_set1_pd(1.5));
+        let mut y = _mm512_rsqrt14_pd(x);
+        for _ in 0..2 {
+            y = _mm512_mul_pd(y, _mm512_fnmadd_pd(half, _mm512_mul_pd(y, y), most));
+        }
+        y
+    }
+}
+
 intrinsic!(
     Avx2,
     4,
@@ -149,9 +180,11 @@ intrinsic!(
     _mm256_mul_pd,
     _mm256_div_pd,
     _mm256_sqrt_pd,
+    inverse_sqrt,
     _mm256_fmadd_pd,
     _mm256_fnmadd_pd,
     |a, b, x, y| _mm256_blendv_pd(y, x, _mm256_cmp_pd::<_CMP_GT_OQ>(a, b)),
+    |a, b| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(a, b)) != 0,
     |x, by| _mm256_castsi256_pd(_mm256_sll_epi64(_mm256_castpd_si256(x), _mm_cvtsi32_si128(by as i32))),
     _mm256_xor_pd,
     |mask, x, y| _mm256_blendv_pd(y, x, mask),
@@ -175,9 +208,11 @@ intrinsic!(
     _mm512_mul_pd,
     _mm512_div_pd,
     _mm512_sqrt_pd,
+    wide_inverse_sqrt,
     _mm512_fmadd_pd,
     _mm512_fnmadd_pd,
     |a, b, x, y| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b), y, x),
+    |a, b| _mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b) != 0,
     |x, by| _mm512_castsi512_pd(_mm512_sll_epi64(_mm512_castpd_si512(x), _mm_cvtsi32_si128(by as i32))),
     _mm512_xor_pd,
     |mask, x, y| _mm512_mask_blend_pd(_mm512_movepi64_mask(_mm512_castpd_si512(mask)), y, x),

@@ -1,7 +1,7 @@
 //! Apparent mass of a two-link arm, whose principal values are known.
 
 use haptid_core::{
-    ApparentMassQuery, Backend, BodyParameters, Closure, EndEffector, Joint, Mechanism, Poses, apparent_mass,
+    ApparentMassQuery, ApparentMasses, Backend, Closure, EndEffector, Joint, Mechanism, Motion, apparent_mass,
 };
 
 /// Two bars of length 1 m in a plane, each a point mass at its end; the end effector is the end of the second.
@@ -12,7 +12,7 @@ fn arm(backend: Backend) -> Mechanism {
     Mechanism::new(&joints, &Closure::open(2), [0.; 3], &[], backend).unwrap()
 }
 
-fn masses(backend: Backend, q: &[f64], max_condition: f64) -> Vec<f64> {
+fn masses(backend: Backend, q: &[f64], max_condition: f64) -> ApparentMasses {
     let mechanism = arm(backend);
     let (first, second): ([f64; 10], [f64; 10]) = (point(2.0), point(3.0));
     let chi: Vec<f64> = first.into_iter().chain(second).collect();
@@ -21,7 +21,8 @@ fn masses(backend: Backend, q: &[f64], max_condition: f64) -> Vec<f64> {
     for (k, share) in point(0.1).into_iter().enumerate() {
         spread[10 + k] = share;
     }
-    let poses = Poses { samples: q.len() / 2, position: q, rates: &[1., 0., 0., 1.] };
+    let poses =
+        Motion { samples: q.len() / 2, position: q, velocity: &[], acceleration: None, external: &[], loops: &[] };
     let query = ApparentMassQuery {
         rows: &[0, 1],
         free: &[0, 1],
@@ -29,11 +30,8 @@ fn masses(backend: Backend, q: &[f64], max_condition: f64) -> Vec<f64> {
         covariance_factor: &spread,
         factor_columns: 1,
     };
-    let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
-    let mut out = vec![0.0; poses.samples * query.width()];
-    apparent_mass(&mechanism, &poses, &EndEffector { link: 1, point: [1., 0., 0.] }, &bodies, &query, &mut out)
-        .unwrap();
-    out
+    let end_effector = EndEffector { link: 1, point: [1., 0., 0.] };
+    apparent_mass(&mechanism, &poses, &end_effector, &chi, &query).unwrap()
 }
 
 /// A point mass at the end of a bar of length 1 m.
@@ -45,20 +43,20 @@ fn point(m: f64) -> [f64; 10] {
 fn at_a_right_angle_the_principal_masses_are_along_the_second_bar_and_perpendicular_to_it() {
     for backend in Backend::available() {
         // Along the second bar both masses move; perpendicular to it only the second.
-        let out = masses(backend, &[0.3, std::f64::consts::FRAC_PI_2], 100.0);
-        let wanted = [5.0, 3.0];
-        for (got, wanted) in out[1..3].iter().zip(wanted) {
-            assert!((got - wanted).abs() < 1e-12, "{backend:?}: {out:?}");
+        let found = masses(backend, &[0.3, std::f64::consts::FRAC_PI_2], 100.0);
+        for (got, wanted) in found.masses.iter().zip([5.0, 3.0]) {
+            assert!((got - wanted).abs() < 1e-12, "{backend:?}: {found:?}");
         }
         // Both change with the second mass alone, one to one.
-        assert!(out[7..].iter().all(|v| (v - 0.01).abs() < 1e-12), "{backend:?}: {out:?}");
+        assert!(found.covariance.iter().all(|v| (v - 0.01).abs() < 1e-12), "{backend:?}: {found:?}");
     }
 }
 
 #[test]
 fn a_stretched_arm_has_no_masses() {
-    let out = masses(Backend::best(), &[0.3, 0.0], 100.0);
-    assert!(out[0] > 1e10 && out[1..].iter().all(|x| x.is_nan()), "{out:?}");
+    let found = masses(Backend::best(), &[0.3, 0.0], 100.0);
+    let rest = [found.masses, found.directions, found.covariance].concat();
+    assert!(found.condition[0] > 1e10 && rest.iter().all(|x| x.is_nan()), "{rest:?}");
 }
 
 #[test]
@@ -66,8 +64,11 @@ fn many_poses_on_several_threads_equal_single_poses() {
     let n = 5003;
     let q: Vec<f64> = (0..2 * n).map(|k| 0.4 + 1e-4 * k as f64).collect();
     let all = masses(Backend::best(), &q, 100.0);
-    let width = all.len() / n;
     for k in [0, 7, 8, 15, 16, 511, 512, 4999, n - 1] {
-        assert_eq!(masses(Backend::best(), &[q[k], q[n + k]], 100.0), all[k * width..][..width]);
+        let one = masses(Backend::best(), &[q[k], q[n + k]], 100.0);
+        assert_eq!(one.condition, all.condition[k..][..1]);
+        assert_eq!(one.masses, all.masses[2 * k..][..2]);
+        assert_eq!(one.directions, all.directions[4 * k..][..4]);
+        assert_eq!(one.covariance, all.covariance[3 * k..][..3]);
     }
 }

@@ -3,6 +3,7 @@
 
 mod back_ends;
 mod dynamics;
+mod end_effector;
 mod linear_algebra;
 mod mechanisms;
 mod play;

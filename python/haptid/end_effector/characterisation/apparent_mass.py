@@ -84,18 +84,17 @@ def apparent_mass(
     model, qa = identified.model, np.asarray(qa, dtype=float)
     check_pose_settings(model, qa, rows, worst_condition)
     moving, columns = model.measured_rows, covariance_factor(identified)
-    none = np.zeros((len(identified.beta), 0))
-    raw = core_spread(identified, none if columns is None else columns)
-    settings: dict[str, Any] = {"rows": rows, "moving": moving, "worst": worst_condition, "spread": raw}
+    spread = np.zeros((len(model.device.parameters.S), 0)) if columns is None else core_spread(identified, columns)
+    settings: dict[str, Any] = {"rows": rows, "moving": moving, "worst": worst_condition, "spread": spread}
     parts = [qa[:, k : k + _TOGETHER] for k in range(0, max(qa.shape[1], 1), _TOGETHER)]
 
-    def of(part: Array) -> Array:
-        return np.asarray(_core.apparent_mass(*core_arguments(identified, part), **settings))
+    def of(part: Array) -> tuple[Array, ...]:
+        return _core.apparent_mass(*core_arguments(identified, part), **settings)
 
-    found = of(qa) if len(parts) == 1 else np.concatenate(_together(of, parts))
-    m, r = len(rows), min(len(rows), len(moving))
-    condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
-    directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
+    condition, mass, directions, C = (
+        of(qa) if len(parts) == 1 else (np.concatenate(part) for part in zip(*_together(of, parts), strict=True))
+    )
+    r = mass.shape[1]
     mass_se, isotropy_se, dof = None, None, float("inf")
     if columns is not None:
         variances = [0, *np.cumsum(np.arange(r, 1, -1))]
@@ -104,15 +103,15 @@ def apparent_mass(
         dof = _least_dof(identified, qa, rows, moving, mass, directions)
     unit = "kg" if max(rows) < 3 else "kg m^2" if min(rows) > 2 else "in mixed units"
     return ApparentMass(
-        mass=Field(mass, mass_se, dof, unit),
-        directions=directions,
-        isotropy=Field(mass[:, -1] / mass[:, 0], isotropy_se, dof, "1"),
-        condition=condition[:, 0],
+        mass=Field(freeze(mass), mass_se, dof, unit),
+        directions=freeze(directions),
+        isotropy=Field(freeze(mass[:, -1] / mass[:, 0]), isotropy_se, dof, "1"),
+        condition=freeze(condition),
         worst=worst_condition,
     )
 
 
-def _together(of: Callable[[Array], Array], parts: list[Array]) -> list[Array]:
+def _together(of: Callable[[Array], tuple[Array, ...]], parts: list[Array]) -> list[tuple[Array, ...]]:
     """A function of each part, by threads: the core has its own, but one follows a loop that is not linear."""
     most = int(os.environ.get("RAYON_NUM_THREADS") or 0) or os.cpu_count() or 1  # zero is the core's default
     workers = min(len(parts), _AT_ONCE, most)
@@ -122,31 +121,19 @@ def _together(of: Callable[[Array], Array], parts: list[Array]) -> list[Array]:
 
 def core_arguments(
     identified: IdentifiedModel, qa: Array
-) -> tuple[Any, Array, Array, int, list[float], Array, Array, Array]:
-    """The core's arguments for a model at these poses: mechanism, positions, rates, handle, bodies, rotors."""
-    model, handle = identified.model, handle_of(identified.model)
-    raw, links = raw_parameters(model, identified.beta), 10 * len(model.device.joints)
-    rotors = [(links + k, term.weights) for k, term in enumerate(model.terms) if term.kind == "rotor"]
-    weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(model.device.active))
-    followed = model.device.closure.follow(qa).by(model.device.row_map)
-    rates = followed.G if followed.G.ndim == 2 else followed.G.reshape(qa.shape[1], -1).T
-    return (
-        model.mechanism,
-        np.ascontiguousarray(followed.q),
-        np.ascontiguousarray(rates),
-        handle.link,
-        handle.translation.tolist(),
-        raw[:links],
-        weights,
-        raw[[k for k, _ in rotors]],
-    )
+) -> tuple[_core.Mechanism, Array, Array | None, int, list[float], Array]:
+    """The core's arguments for a model at these poses: mechanism, coordinates, loops, handle, parameters."""
+    model, handle, to_rows = identified.model, handle_of(identified.model), identified.model.device.row_map
+    varying = model.device.varying.any()
+    loops = model.given(model.device.closure.follow(qa).by(to_rows)) if varying else None
+    chi = raw_parameters(model, identified.beta)
+    return model.mechanism, np.ascontiguousarray(to_rows @ qa), loops, handle.link, handle.translation.tolist(), chi
 
 
 def core_spread(identified: IdentifiedModel, columns: Array) -> Array:
-    """Columns over base parameters, (p, s), as columns over link parameters and rotors, (r, s)."""
-    model, links = identified.model, 10 * len(identified.model.device.joints)
-    kept = [*range(links), *(links + k for k, term in enumerate(model.terms) if term.kind == "rotor")]
-    return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.independent_columns)] @ columns)
+    """Columns over base parameters, (p, s), as columns over the core's, (r, s)."""
+    model = identified.model
+    return np.ascontiguousarray(model.device.parameters.S[:, list(model.base.independent_columns)] @ columns)
 
 
 def _isotropy_se(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
