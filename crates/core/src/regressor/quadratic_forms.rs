@@ -5,9 +5,10 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
-/// Weights, and lanes of each, that are computed together: as many as stay in registers.
-const PANEL: usize = 3;
-const LANES: usize = 4;
+/// Weights, and lanes of each, that are computed together: as many as stay in sixteen registers, with the entries and a
+/// factor.
+const PANEL: usize = 6;
+const LANES: usize = 2;
 
 /// `F + F'` for the nonzero columns of a row, in panels of its rows, column after column.
 pub(crate) struct QuadraticForm {
