@@ -16,7 +16,7 @@ from haptid import errors
 from haptid.cli import app
 from haptid.log.file_format import sha256_of
 from haptid.log.survey import survey
-from haptid.log.survey.parts import recordings, sentence
+from haptid.log.survey.parts import parts_in_words, recordings
 from haptid.study.draft import draft_study
 from haptid.study.read import read_study
 from motions import multisine
@@ -50,7 +50,8 @@ def test_files_of_a_folder_are_one_log(tmp_path: Path) -> None:
     found = recordings(files)
     assert found == [tmp_path / "run"]
     assert (
-        sentence(found) == "q.csv, qd.csv, tau.csv and time.csv are one recording, each quantity in a file of its own"
+        parts_in_words(found)
+        == "q.csv, qd.csv, tau.csv and time.csv are one recording, each quantity in a file of its own"
     )
     assert recordings([tmp_path / "run"]) == []  # a log already
     shown = CliRunner().invoke(app, ["channels", *map(str, files)]).output

@@ -11,7 +11,7 @@ import pytest
 import haptid
 from haptid.advice.edits import edits_of, gain_edits
 from haptid.advice.search import Proven, Trials, search_of
-from haptid.advice.torque_channels import torque_channels
+from haptid.advice.torque_channels import channels_of_motors
 from haptid.advice.validation_logs import of_validation_logs
 from haptid.log import Channels, Signal, read_log
 from haptid.motion.motion import Motion
@@ -66,7 +66,7 @@ def searched(folder: Path, device: str, gain: float = 1.0) -> Trials:
 
 
 def test_channels_are_found_behind_a_joint_that_nothing_drives_in_any_order(tmp_path: Path) -> None:
-    found = torque_channels(
+    found = channels_of_motors(
         *(x if k == 0 else (x,) for k, x in enumerate(motion(tmp_path, MOTORS.format(c=2, more=""))))
     )
     assert found.measured == (1, 2)

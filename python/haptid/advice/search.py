@@ -17,7 +17,7 @@ from haptid.advice.contact import at_rest, contact, elsewhere
 from haptid.advice.recorder import ChannelFault, faults, rounded_rows, simulated_rows
 from haptid.advice.rows import BaseRows, TrialRows
 from haptid.advice.spoiled import SpoiledPart
-from haptid.advice.torque_channels import TorqueChannels, torque_channels
+from haptid.advice.torque_channels import TorqueChannels, channels_of_motors
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.method import FREE_SHARE
@@ -177,7 +177,7 @@ def search_of(
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
     base = BaseRows.of(model, motions)
-    plain, torques = base.with_columns(beta), torque_channels(model, motions)
+    plain, torques = base.with_columns(beta), channels_of_motors(model, motions)
     sources = list(_sources(model, places, torques, plain, beta)) if columns else []
     if columns:
         of_channels = {(one.kind, one.channel): one for _, one in found}

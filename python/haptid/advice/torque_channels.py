@@ -45,7 +45,7 @@ class TorqueChannels:
         return tuple(np.flatnonzero(self.enters[:, channel]).tolist())
 
 
-def torque_channels(model: DynamicModel, motions: Sequence[Motion]) -> TorqueChannels:
+def channels_of_motors(model: DynamicModel, motions: Sequence[Motion]) -> TorqueChannels:
     """Whose the torque channels of logs are.
 
     Args:

@@ -45,7 +45,7 @@ def channels(
     from haptid.errors import OptionError
     from haptid.log.survey import survey
     from haptid.log.survey.draft import unrecognised
-    from haptid.log.survey.parts import recordings, sentence
+    from haptid.log.survey.parts import parts_in_words, recordings
     from haptid.study.draft import draft_study
 
     with errors_shown():
@@ -57,7 +57,7 @@ def channels(
         if device is None:
             surveyed = survey(logs[0])
             if given > 1:
-                surveyed = replace(surveyed, notes=(sentence(apart), *surveyed.notes))
+                surveyed = replace(surveyed, notes=(parts_in_words(apart), *surveyed.notes))
             draft = surveyed.table
         else:
             folder = study.parent if study else Path()

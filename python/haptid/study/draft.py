@@ -17,7 +17,7 @@ from haptid.log.file_format import FOLDER_OF_TABLES, format_of, logs_in
 from haptid.log.formats.folders import log_files, table_files
 from haptid.log.survey import Survey, survey
 from haptid.log.survey.draft import unrecognised
-from haptid.log.survey.parts import recordings, sentence
+from haptid.log.survey.parts import parts_in_words, recordings
 
 # Of more runs than these each identifies, and is held out in turn: one run is seldom all of the motion.
 _FEW = 2
@@ -54,7 +54,7 @@ def draft_study(
     logs = apart or _runs(logs, len(names))
     surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
     if apart:
-        surveyed = replace(surveyed, notes=(sentence(apart), *surveyed.notes))
+        surveyed = replace(surveyed, notes=(parts_in_words(apart), *surveyed.notes))
     if surveyed.unequal and surveyed.format == FOLDER_OF_TABLES:
         raise LogFileError(
             f"{surveyed.path}: {surveyed.unequal}.", where=surveyed.path, advice="Cut them to the rows that they share."

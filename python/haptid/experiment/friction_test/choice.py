@@ -22,7 +22,7 @@ from haptid.uncertainty.multiple_testing import holm_adjusted
 from haptid.uncertainty.quantities import Quantities
 
 # Level of the tests that Coulomb and viscous friction is enough, over all of them together.
-LEVEL = 0.01
+LARGER = 0.01
 # Decrease of AICc that a model with more parameters requires.
 _GAIN = 2.0
 # Lower bounds of a point's standard error: relative to the median one, and relative to the largest torque.
@@ -137,7 +137,7 @@ class JointChoice:
         standard = _standard(self.fits)
         larger = [(fit, p) for fit, p in zip(self.fits, self.p, strict=True) if fit.friction_model not in _SMALL]
         each = (f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}, p = {p:.2g}" for fit, p in larger)
-        differences = f"{'; '.join(each)}; limits {-_GAIN:g} and {LEVEL:g}"
+        differences = f"{'; '.join(each)}; limits {-_GAIN:g} and {LARGER:g}"
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
             verdict = f"viscous and Coulomb friction are not sufficient (AICc: {differences})."
@@ -183,7 +183,7 @@ def choose_friction(curve: FrictionCurve) -> FrictionChoice:
 
 
 def _choice(label: str, fits: tuple[FrictionFit, ...], p: Array) -> JointChoice:
-    able = [one for one, own in zip(fits, p, strict=True) if one.friction_model in _SMALL or own < LEVEL]
+    able = [one for one, own in zip(fits, p, strict=True) if one.friction_model in _SMALL or own < LARGER]
     least = min(one.aicc for one in able)
     chosen = next(one for one in able if one.aicc <= least + _GAIN)
     return JointChoice(label, fits, tuple(p.tolist()), chosen)

@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.escaping import write_csv
 from haptid._internal.extras import needing
-from haptid.experiment.friction_test.choice import LEVEL, MODELS, FrictionChoice, FrictionFit, JointChoice
+from haptid.experiment.friction_test.choice import LARGER, MODELS, FrictionChoice, FrictionFit, JointChoice
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 
 with needing("drawing pictures"):
@@ -44,7 +44,7 @@ def choice_values(choice: FrictionChoice) -> dict[str, Any]:
     """The model comparison as plain values, for `friction.json`."""
     return {
         "criterion": "AICc: n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1); a larger model must be lower by 2, and "
-        f"one larger than Coulomb and viscous friction be significant at {LEVEL:g} by an F test (p, by Holm over all)",
+        f"one larger than Coulomb and viscous friction be significant at {LARGER:g} by an F test (p, by Holm over all)",
         "viscous_and_coulomb_are_enough": choice.enough,
         "joints": [
             {

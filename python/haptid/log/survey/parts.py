@@ -42,7 +42,7 @@ def recordings(paths: Sequence[Path]) -> list[Path]:
     return [] if folder is not None and len(found) == 1 and table_files(folder) else found
 
 
-def sentence(found: Sequence[Path]) -> str:
+def parts_in_words(found: Sequence[Path]) -> str:
     """What files of one quantity each are, in words."""
     parts = [[file.name for file in log_files(one)] for one in found]
     if len(found) == 1:
