@@ -216,7 +216,7 @@ def _missing(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
     ]
     if rotors:
         made.append(
-            "Rotor inertias are in <transmission>, as Drake reads them. MuJoCo, Gazebo and Pinocchio read none from "
+            "Rotor inertias are in <transmission>, as Drake reads them. MuJoCo and Pinocchio read none from "
             f"URDF: set the armature of each joint there, kg m^2 or kg ({', '.join(rotors)}), or take MJCF."
         )
     for act in acts:
