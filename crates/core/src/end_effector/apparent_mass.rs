@@ -108,6 +108,11 @@ pub fn apparent_mass(
 ) -> Result<ApparentMasses, Error> {
     check(mechanism, motion, end_effector, query.rows)?;
     check_indices("coordinate", query.free, mechanism.coordinates)?;
+    for (name, given) in [("rows", query.rows), ("free", query.free)] {
+        if given.is_empty() {
+            return Err(Error::Length { name, got: 0, wanted: 1 });
+        }
+    }
     expect_length("spread", query.covariance_factor.len(), mechanism.columns() * query.factor_columns)?;
     let (n, m, r, pairs) = (motion.samples, query.rows.len(), query.masses(), query.pairs());
     let mut made = ApparentMasses {

@@ -388,14 +388,16 @@ fn square<T: Lane, const K: usize>(simd: Simd<T>, vector: &[T; K]) -> T {
     sum
 }
 
-/// Largest norm by smallest, infinite where one is zero.
+/// Largest norm by smallest, infinite where one is zero or not a number.
 #[inline(always)]
 fn extent<T: Lane, const K: usize>(simd: Simd<T>, vectors: &[[T; K]]) -> T {
-    let (mut low, mut high) = (simd.splat(f64::INFINITY), simd.splat(0.0));
+    let (mut low, mut high, mut sum) = (simd.splat(f64::INFINITY), simd.splat(0.0), simd.splat(0.0));
     for vector in vectors {
         let square = square(simd, vector);
+        sum = sum.add(square);
         low = T::select_gt(low, square, square, low);
         high = T::select_gt(square, high, square, high);
     }
-    T::select_gt(low, simd.splat(0.0), high.div(low).sqrt(), simd.splat(f64::INFINITY))
+    let known = T::select_gt(low, simd.splat(0.0), high.div(low).sqrt(), simd.splat(f64::INFINITY));
+    T::select_gt(sum, simd.splat(0.0), known, simd.splat(f64::INFINITY))
 }

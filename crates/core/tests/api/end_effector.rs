@@ -1,7 +1,7 @@
 //! Apparent mass of a two-link arm, whose principal values are known.
 
 use haptid_core::{
-    ApparentMassQuery, ApparentMasses, Backend, Closure, EndEffector, Joint, Mechanism, Motion, apparent_mass,
+    ApparentMassQuery, ApparentMasses, Backend, Closure, EndEffector, Error, Joint, Mechanism, Motion, apparent_mass,
 };
 
 /// Two bars of length 1 m in a plane, each a point mass at its end; the end effector is the end of the second.
@@ -57,6 +57,31 @@ fn a_stretched_arm_has_no_masses() {
     let found = masses(Backend::best(), &[0.3, 0.0], 100.0);
     let rest = [found.masses, found.directions, found.covariance].concat();
     assert!(found.condition[0] > 1e10 && rest.iter().all(|x| x.is_nan()), "{rest:?}");
+}
+
+#[test]
+fn a_pose_that_is_no_number_has_neither_a_condition_nor_masses() {
+    for backend in Backend::available() {
+        let found = masses(backend, &[0.3, f64::NAN], 100.0);
+        let rest = [found.masses, found.directions, found.covariance].concat();
+        assert!(found.condition == [f64::INFINITY] && rest.iter().all(|x| x.is_nan()), "{backend:?}: {rest:?}");
+    }
+}
+
+#[test]
+fn masses_without_rows_or_free_coordinates_are_refused() {
+    let mechanism = arm(Backend::best());
+    let poses =
+        Motion { samples: 1, position: &[0.3, 0.4], velocity: &[], acceleration: None, external: &[], loops: &[] };
+    let end_effector = EndEffector { link: 1, point: [1., 0., 0.] };
+    let all =
+        ApparentMassQuery { rows: &[0], free: &[0], max_condition: 9.0, covariance_factor: &[], factor_columns: 0 };
+    for (name, query) in
+        [("rows", ApparentMassQuery { rows: &[], ..all }), ("free", ApparentMassQuery { free: &[], ..all })]
+    {
+        let refused = apparent_mass(&mechanism, &poses, &end_effector, &[0.0; 20], &query);
+        assert_eq!(refused, Err(Error::Length { name, got: 0, wanted: 1 }));
+    }
 }
 
 #[test]
