@@ -110,7 +110,7 @@ def test_the_verdict_names_the_proven_sign_and_no_delay(tmp_path: Path) -> None:
 
 def test_steps_are_stated_by_what_coarser_ones_do(tmp_path: Path) -> None:
     plant = WrongPlant(CAUSES["steps of a torque"][1], "coarse")
-    action = advise(identified(plant, tmp_path)).actions[0]
+    (action,) = advise(identified(plant, tmp_path)).actions
     assert "with steps 3 times as coarse the error" in action.sentence
     assert action.after < action.before
     assert action.edits == ()

@@ -120,8 +120,8 @@ class OtherMotion(WrongPlant):
 
 
 def test_the_log_of_another_device_is_named_and_removed(tmp_path: Path) -> None:
-    other = replace(ARM, seed=5)  # another arm in another motion
-    found = three_logs(tmp_path, {1: WrongPlant(other)})
+    heavier = replace(ARM, friction=0.8)
+    found = three_logs(tmp_path, {1: WrongPlant(heavier)})
     made = advise(found)
     (action,) = (one for one in made.actions if one.kind == "other log")
     assert made.actions[0] is action

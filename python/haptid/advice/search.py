@@ -370,8 +370,12 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
     for part in search.spoiled:
         mask = np.broadcast_to(~_touched(search, part.log, part.samples), rows.used.shape)
         yield TriedChange(part.kind, part.places, Setting(rows="clean"), indices=(part.log,)), mask
-    yield from _other_logs(search)
     flagged = search.contact
+    for one, mask in _other_logs(search):
+        yield one, mask
+        whole = rows.log == one.indices[0]
+        if flagged[whole].mean() > _MOSTLY:  # what differs is not in parts of it
+            flagged = flagged & ~whole
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
         kind = "rest" if at_rest(rows)[flagged].mean() > _MOSTLY else "contact"
