@@ -107,6 +107,51 @@ def test_gains_exchanges_and_shifts_are_tried_and_written_for_the_channel_of_the
     assert not list(gain_edits(search, 0, -1.0))
 
 
+def of_interface(folder: Path, side: str, model: haptid.DynamicModel, gain: float) -> Motion:
+    """Motion of the CEA interface: torques of its motors or joints, that of H times a gain."""
+    t, rng = np.arange(1500) / 250, np.random.default_rng(1)
+    w, p = rng.uniform(1, 9, (6, 4)), rng.uniform(0, 6, (6, 4))
+    q = 0.04 * np.sin(w[:, :, None] * t + p[:, :, None]).sum(axis=1)
+    q += np.array([0.0, -1.0, 4.0, 0.0, -1.0, 4.0])[:, None]
+    qd, qdd = np.gradient(q, t, axis=1), np.gradient(np.gradient(q, t, axis=1), t, axis=1)
+    chi = rng.uniform(0.1, 1, len(model.device.parameters.names))
+    tau = haptid.inverse_dynamics(model, model.base.of(chi), q, qd, qdd)
+    names = model.device.row_names
+    if side == "motor":
+        tau, names = model.device.drive_torque(q, tau), tuple(motor.name for motor in model.device.motors)
+    tau = tau + 0.01 * rng.normal(size=tau.shape)
+    tau[names.index("H")] *= gain
+    np.savez(folder / "log.npz", t=t, q=q.T, tau=tau.T)
+    position = Signal(tuple(f"q[{k}]" for k in range(1, 7)), "rad")
+    torque = Signal(tuple(f"tau[{k}]" for k in range(1, len(tau) + 1)), "N m", side=side)
+    treatment = haptid.Treatment(cutoff_hz=20.0, parallel_cutoff_hz=10.0, decimation=4, block_s=0.5)
+    return haptid.treat(read_log(folder / "log.npz", Channels(position, torque, time="t")), treatment)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_channels_of_drives_that_vary_with_the_pose_are_those_of_their_rows(tmp_path: Path, side: str) -> None:
+    """A gain of joint H, row 4 of 6, was written for L1, channel 4 of its 7 motors, whose torque is in five rows."""
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_interface"))
+    made = of_interface(tmp_path, side, model, 1.5)
+    search = search_of(model, (made,), haptid.estimate(haptid.observe(model, made), haptid.OLS()).beta, columns=False)
+    found, gains = search.torques, {one.places: one for one in search.candidates if one.kind == "gain"}
+    if side == "motor":
+        assert [found.of(k) for k in range(6)] == [None, None, None, 6, None, None]
+        assert [found.motors(k) for k in range(7)] == [(0,), (1,), (2,), (0, 1, 2, 4, 5), (4,), (5,), (3,)]
+        assert found.scales is None
+        assert {one.places for one in search.candidates} == {("joint H",)}
+        assert not list(gain_edits(search, 4, 2.0))
+    else:
+        assert [found.of(k) for k in range(6)] == list(range(6))
+        np.testing.assert_array_equal(found.scales, np.ones(6))
+        assert len(gains) == 6
+    one = gains["joint H",]
+    trial = search.bench.run(one.setting)
+    assert trial.whole.factors[one.indices[0]] == pytest.approx(1.5, rel=0.02)
+    (edit,) = edits_of(search, Proven(one, trial, SimpleNamespace()), made.treatment)
+    assert (edit.path[-1], edit.index) == ("gain", 6 if side == "motor" else 3)
+
+
 @pytest.mark.parametrize("joint", ["b", "c"])
 def test_the_error_of_a_validation_log_is_without_the_motor_of_noise_behind_a_free_joint(
     tmp_path: Path, joint: str, monkeypatch: pytest.MonkeyPatch

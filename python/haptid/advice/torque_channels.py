@@ -28,7 +28,7 @@ class TorqueChannels:
         enters: whether a channel enters a motor's row, (motors, channels).
         measured: motors whose torque is measured.
         scales: torque of each motor's row per unit of its channel, 1 where it has none, (motors,); None where rows mix
-            channels, or the factor varies with the pose.
+            channels, or a factor varies with the pose.
     """
 
     enters: np.ndarray
@@ -52,20 +52,22 @@ def channels_of_motors(model: DynamicModel, motions: Sequence[Motion]) -> Torque
         model: of the device.
         motions: of one fit, with the same channels.
     """
-    known, log = np.array(model.known_rows), motions[0].log
-    measured = np.flatnonzero(np.isin(known, model.measured_rows))
-    change = np.zeros((len(known), motions[0].tau.shape[1]))
-    varies = log is not None and bool(model.device.drive_varies.any())
-    if log is None or varies:  # channels are in the order of the rows
+    device, log, rows = model.device, motions[0].log, list(model.measured_rows)
+    measured = np.flatnonzero(np.isin(model.known_rows, rows))
+    change = np.zeros((len(model.known_rows), motions[0].tau.shape[1]))
+    varies = log is not None and log.channels.torque.side == "motor" and bool(device.drive_varies.any())
+    if log is None:  # channels are in the order of the rows
         change[measured, np.arange(len(measured))] = 1.0
+    elif varies:  # they are the motors', whose factors are not needed to tell where each enters
+        change[measured] = (np.abs(device.drive_rates) + device.drive_varies)[device.driven][:, rows].T
     else:
-        change[measured] = torque_map(model.device, log)[list(model.measured_rows)]
+        change[measured] = torque_map(device, log)[rows]
     enters = np.abs(change) > _ROUNDING * np.abs(change).max(initial=0.0)
     found = TorqueChannels(enters, tuple(measured.tolist()), None)
     own = {motor: found.of(motor) for motor in found.measured}
     if varies or None in own.values():
         return found
-    scales = np.ones(len(known))
+    scales = np.ones(len(change))
     for motor, channel in own.items():
         scales[motor] = change[motor, channel]
     return TorqueChannels(enters, found.measured, scales)
