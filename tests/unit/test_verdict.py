@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from haptid.advice import Action, Advice, verdict_with
+from haptid.advice.action import CHANGES
 from haptid.advice.search import unseen_percent
 from haptid.inference.diagnosis.finding import Finding
 from haptid.inference.diagnosis.verdict import (
@@ -179,9 +181,41 @@ def test_a_proven_change_takes_the_place_of_what_residuals_seem_to_be_caused_by(
     )
     assert MEANING["time delay"] in before.sentences[0]
     said = " ".join(after.sentences)
-    assert "a proven change is not made (reverse the torque channel of motor 1)" in said
+    assert 'the proven change "reverse the torque channel of motor 1" is not made' in said
     assert MEANING["units and signs"] in said  # tells it from bodies, and not from residuals
     assert not any(MEANING[name] in said for name in ("time delay", "ripple"))
     agreeing = given(0.3, statuses, proven=ProvenChange("add a ripple", frozenset({"ripple"})))
     assert MEANING["ripple"] in " ".join(agreeing.sentences)
     assert MEANING["time delay"] not in " ".join(agreeing.sentences)
+
+
+@pytest.mark.parametrize(
+    ("kind", "label", "said"),
+    [
+        (
+            "drift",
+            "joint 1",
+            "split the log, or record at one temperature, as the friction or offset of joint 1 drifts with time",
+        ),
+        ("torque sign", "motor a:b", "reverse the torque channel of motor a:b"),
+        (
+            "dead torque",
+            "motor 1",
+            "leave out the torque channel of motor 1, which is dead: check its wiring, and record again",
+        ),
+    ],
+)
+def test_the_verdict_has_the_whole_instruction_of_what_is_proven(kind, label, said):
+    """It was cut at a colon, in a joint's name too, and of drift it had no instruction at all."""
+    change = CHANGES[kind].format(where=label)
+    action = Action(kind, (label,), change, "unseen error", 48.0, 2.0, 0.5, 0.9, True, (), 24)
+    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    errors = Validation((MotorError("1", "motor 1", "N m", 0.3, 100.0, 10),), False)
+    findings = [Finding("time delay", "bad", {"p": 1e-5}, "About it.")]
+    fitted = estimate(parameters)
+    diagnosis = SimpleNamespace(
+        estimate=fitted, validation=errors, findings=findings, verdict=verdict(fitted, errors, findings)
+    )
+    made = verdict_with(diagnosis, Advice((action,), 48.0, 2.0, (), 40))
+    assert f'the proven change "{said}" is not made' in made.sentences[0]
+    assert MEANING["time delay"] not in str(made)

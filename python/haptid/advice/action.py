@@ -24,7 +24,7 @@ _EXPLAINS = 3.0
 MASKS = ("dead torque", "noise alone", "stuck position", "contact", "rest", "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.
 USE = "model for use"
-# What to do, by the kind of the change.
+# What to do, by the kind of the change: an instruction, as verdicts say that it is not followed.
 CHANGES: Mapping[str, str] = {
     "coulomb": "add Coulomb friction on {where}",
     "viscous": "add viscous friction on {where}",
@@ -40,8 +40,8 @@ CHANGES: Mapping[str, str] = {
     "ripple": "add a torque periodic in the position of {where}",
     "time shift": "shift the torque channel of {where} in time",
     "common delay": "shift {where} in time, as a delay that they share",
-    "drift": "the friction or offset of {where} drifts with time: split the log, or record at one temperature",
-    "payload": "a payload is on {where} for part of the log: split the log, and estimate it with `haptid payload`",
+    "drift": "split the log, or record at one temperature, as the friction or offset of {where} drifts with time",
+    "payload": "split the log, and estimate with `haptid payload` what is on {where} for part of the log",
     "gain": "correct the gain of the torque channel of {where}",
     "torque sign": "reverse the torque channel of {where}",
     "unit": "correct the unit of the torque channel of {where}",
@@ -170,7 +170,7 @@ class Action:
             size = f"falls from {self.before:.3g} to {self.after:.3g} %"
             return f": on {self.blocks} unseen time blocks the error of the fit with bodies that can exist {size}."
         if self.proof == "possible bodies":
-            return f" negative: without it they are {self.before:.3g} standard errors below zero or more."
+            return f": without it they are {self.before:.3g} standard errors below zero or more."
         return f": the torque is {_plain(self.before)} times that of the prior bodies, and then {_plain(self.after)}."
 
     @property

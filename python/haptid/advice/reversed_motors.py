@@ -67,7 +67,10 @@ def sign_actions(
             continue
         names = list(dict.fromkeys(name for one in group for name in one.names))
         channel = "channel" if len(group) == 1 else "channels"
-        change = f"reverse the torque or the position {channel} of {joined_names(labels)}, whose {joined_names(names)} "
+        change = (
+            f"reverse the torque or the position {channel} of {joined_names(labels)}, "
+            f"whose {joined_names(names)} cannot be negative"
+        )
         edits = tuple(edit for one in group for edit in gain_edits(search, one.motor, -1.0))
         bench, model = _with_reversed(search, group), search.model
         trial = bench.run(_REVERSED)
@@ -75,14 +78,12 @@ def sign_actions(
         if made.share > LARGE_GAIN and large_enough(made):
             before, after = (unseen_percent(model, bench, one) for one in (base, trial))
             yield Action(
-                "torque sign", labels, change + "cannot be negative", "unseen error", before, after,
+                "torque sign", labels, change, "unseen error", before, after,
                 paired(model, bench, base, trial), made.share, True, edits, bench.blocks,
             )  # fmt: skip
         else:
             least = min(one.t for one in group)
-            yield Action(
-                "torque sign", labels, change + "cannot be", "possible bodies", least, 0.0, None, 1.0, True, edits
-            )
+            yield Action("torque sign", labels, change, "possible bodies", least, 0.0, None, 1.0, True, edits)
 
 
 def _with_reversed(search: Trials, group: Sequence[Impossible]) -> Bench:

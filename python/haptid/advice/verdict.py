@@ -41,5 +41,5 @@ def verdict_with(diagnosis: Diagnosis, advice: Advice) -> Verdict:
         return diagnosis.verdict
     kinds = {action.kind for action in advice.combination}
     agreeing = frozenset(name for name, same in _SAME.items() if kinds & set(same))
-    proven = ProvenChange(first.change.split(":")[0], agreeing)
+    proven = ProvenChange(first.change, agreeing)
     return verdict(diagnosis.estimate, diagnosis.validation, diagnosis.findings, proven)

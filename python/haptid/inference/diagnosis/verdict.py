@@ -84,7 +84,7 @@ class ProvenChange:
     """A change of the study that is proven to be needed, without which tests of the residuals find other causes.
 
     Attributes:
-        words: what to do.
+        words: what to do, an instruction.
         agreeing: names of findings that say the same as it, or as others proven with it.
     """
 
@@ -145,7 +145,7 @@ def verdict(
 def _in_its_place(reasons: Sequence[Reason], proven: ProvenChange) -> list[Reason]:
     """Reasons with a proven change, as grave as what is not a reason any more, in place of causes without it."""
     gone = [one for one in reasons if one.finding in _BY_RESIDUALS and one.finding not in proven.agreeing]
-    words = f"a proven change is not made ({proven.words})"
+    words = f'the proven change "{proven.words}" is not made'
     measure, *others = (one for one in reasons if one not in gone)
     return [measure, Reason(worst(["doubt", *(one.status for one in gone)]), words), *others]
 
