@@ -106,6 +106,26 @@ def test_joints_with_no_such_friction_get_none_by_chance():
     assert not any(enough(0.3) for _ in range(20))
 
 
+def test_models_with_too_few_points_do_not_count_among_the_tests():
+    """They counted with p = 1, and hid real friction: one model of one joint was tested at 0.01 over 14."""
+    v = np.array([-0.8, -0.4, -0.2, 0.1, 0.2, 0.4, 0.8])
+
+    def joint(name, v):
+        torque = np.sign(v) + 0.5 * v + 0.3 * np.minimum(v, 0)
+        return JointFriction(name, f"motor {name}", "N", v, torque, np.full(len(v), 0.01), np.full(len(v), 20.0))
+
+    first, *others = joint("1", v), *(joint(name, v[[0, 1, 5, 6]]) for name in "234567")
+    alone = choose_friction(FrictionCurve(DEVICE, (first,), ())).joints[0]
+    chosen = choose_friction(FrictionCurve(DEVICE, (first, *others), ())).joints
+    assert alone.p[:2] == (None, None)
+    assert alone.p[3] is None  # of eight points or more
+    assert 0.01 / 14 < alone.p[2] < 0.01
+    assert chosen[0].p == alone.p
+    assert chosen[0].chosen.friction_model == "different by direction"
+    assert "Stribeck +inf, p = -;" in chosen[0].sentence
+    assert all(one.p == (None,) * 4 and "too few velocities" in one.sentence for one in chosen[1:])
+
+
 def test_coulomb_alone_is_reported_to_be():
     beta = BETA.copy()
     beta[[DEVICE.base.names.index(f"FV{k}") for k in "123"]] = 0.0

@@ -247,7 +247,7 @@ class FrictionFitOutput(OutputTable):
     values: dict[str, Number]
     conf_int: dict[str, Interval]
     aicc: Number
-    p: Number = Field(1.0, description="that Coulomb and viscous friction is enough")
+    p: Number = Field(None, description="that Coulomb and viscous friction is enough; null where it is not tested")
     relative_error_percent: Number
 
 

@@ -5,7 +5,8 @@ section 2.4): n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1), with S the sum of s
 and K parameters including the residual variance. A larger model must be lower by 2 to be chosen.
 
 AICc alone chooses a larger model in one of twenty tests of a joint without such friction: a model larger than Coulomb
-and viscous friction has to be significant by an F test as well, at 0.01 over all joints and such models (Holm).
+and viscous friction has to be significant by an F test as well, at 0.01 over all joints and such models (Holm). Models
+for which there are too few points are not tested, and not counted.
 """
 
 from __future__ import annotations
@@ -117,13 +118,13 @@ class JointChoice:
         label: "motor 1".
         fits: of all models, in order of the number of parameters.
         p: of each, p-value of the F test that Coulomb and viscous friction is enough, by Holm over all joints and
-            larger models; 1 for those that are not larger.
+            larger models; None for those that are not larger, or have too few points to be tested.
         chosen: the model to use.
     """
 
     label: str
     fits: tuple[FrictionFit, ...]
-    p: tuple[float, ...]
+    p: tuple[float | None, ...]
     chosen: FrictionFit
 
     @property
@@ -136,7 +137,10 @@ class JointChoice:
         """The choice, with differences of AICc, p-values and the values."""
         standard = _standard(self.fits)
         larger = [(fit, p) for fit, p in zip(self.fits, self.p, strict=True) if fit.friction_model not in _SMALL]
-        each = (f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}, p = {p:.2g}" for fit, p in larger)
+        each = (
+            f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}, p = {'-' if p is None else format(p, '.2g')}"
+            for fit, p in larger
+        )
         differences = f"{'; '.join(each)}; limits {-_GAIN:g} and {LARGER:g}"
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
@@ -171,22 +175,26 @@ def choose_friction(curve: FrictionCurve) -> FrictionChoice:
     Models larger than Coulomb and viscous friction only where their F test is significant over all joints.
     """
     every = [tuple(fit(friction_model, joint) for friction_model in MODELS) for joint in curve.joints]
-    p = np.ones((len(every), len(MODELS)))
-    larger = [friction_model.name not in _SMALL for friction_model in MODELS]
-    p[:, larger] = [
-        [_enough(_standard(fits), one) for one, own in zip(fits, larger, strict=True) if own] for fits in every
-    ]
-    p[:, larger] = holm_adjusted(p[:, larger].ravel()).reshape(len(every), -1)
+    tested = [(k, one) for k, fits in enumerate(every) for one in fits if _testable(one)]
+    adjusted = holm_adjusted(np.array([_enough(_standard(every[k]), one) for k, one in tested]))
+    p = {(k, one.friction_model): own for (k, one), own in zip(tested, adjusted.tolist(), strict=True)}
     return FrictionChoice(
-        tuple(_choice(joint.label, fits, own) for joint, fits, own in zip(curve.joints, every, p, strict=True))
+        tuple(
+            _choice(joint.label, fits, tuple(p.get((k, one.friction_model)) for one in fits))
+            for k, (joint, fits) in enumerate(zip(curve.joints, every, strict=True))
+        )
     )
 
 
-def _choice(label: str, fits: tuple[FrictionFit, ...], p: Array) -> JointChoice:
-    able = [one for one, own in zip(fits, p, strict=True) if one.friction_model in _SMALL or own < LARGER]
+def _choice(label: str, fits: tuple[FrictionFit, ...], p: tuple[float | None, ...]) -> JointChoice:
+    able = [
+        one
+        for one, own in zip(fits, p, strict=True)
+        if one.friction_model in _SMALL or (own is not None and own < LARGER)
+    ]
     least = min(one.aicc for one in able)
     chosen = next(one for one in able if one.aicc <= least + _GAIN)
-    return JointChoice(label, fits, tuple(p.tolist()), chosen)
+    return JointChoice(label, fits, p, chosen)
 
 
 def _standard(fits: tuple[FrictionFit, ...]) -> FrictionFit:
@@ -194,11 +202,14 @@ def _standard(fits: tuple[FrictionFit, ...]) -> FrictionFit:
     return next(one for one in fits if one.friction_model == _VISCOUS.name)
 
 
+def _testable(fit: FrictionFit) -> bool:
+    """Whether a model is larger than Coulomb and viscous friction, and there are points enough to choose it."""
+    return fit.friction_model not in _SMALL and bool(np.isfinite(fit.aicc))
+
+
 def _enough(standard: FrictionFit, larger: FrictionFit) -> float:
-    """P-value of the F test that the parameters which a larger model adds are zero; 1 with too few points."""
+    """P-value of the F test that the parameters which a larger model adds are zero."""
     added = standard.free - larger.free
-    if larger.free < 1:
-        return 1.0
     variance = max(larger.squares / larger.free, 1.0)  # as of `fit`
     return float(f_tail((standard.squares - larger.squares) / added / variance, added, larger.free))
 

@@ -57,7 +57,7 @@ def choice_values(choice: FrictionChoice) -> dict[str, Any]:
     }
 
 
-def _fit_values(fit: FrictionFit, p: float) -> dict[str, Any]:
+def _fit_values(fit: FrictionFit, p: float | None) -> dict[str, Any]:
     return {
         "model": fit.friction_model,
         "values": fit.values,
