@@ -120,6 +120,8 @@ def test_a_sign_that_only_rescales_is_proven_by_bodies_that_can_exist(tmp_path: 
     _, wrong = found(AXIS, "torque sign", tmp_path)
     made = advise(wrong)
     assert [(action.kind, action.proof) for action in made.actions] == [("torque sign", "possible bodies")]
+    assert made.actions[0].change.endswith(" cannot be negative")
+    assert " cannot be negative: without it they are " in made.actions[0].sentence
     after = applied(made, wrong, tmp_path / "out")
     assert after is not None
     np.testing.assert_allclose(after.identification.estimate.beta, -wrong.estimate.beta, rtol=1e-6)
