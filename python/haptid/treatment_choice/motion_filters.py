@@ -20,7 +20,7 @@ from haptid.motion.filters import KAISER_REACH
 from haptid.motion.motion import treat
 from haptid.motion.noise_torques import rows_of_noise
 from haptid.motion.treatment import Treatment
-from haptid.observation.plan import Plan
+from haptid.observation.plan import Plan, at_rest
 from haptid.treatment_choice.corners import corners_cut
 
 # Usual cut-off of the parallel filter over the motion's bandwidth.
@@ -41,8 +41,8 @@ SLOW, _NEAR = 0.03, 0.3
 # period a reversal moves on by four times as much as `SLOW` allows.
 _REST, _RESTS = 0.25, 0.1
 # Least share of a motor's rows whose filter window is clear of reversals for the others to be dropped; share of slow
-# samples above which a joint sticks at reversals, twice that of speeds with a normal distribution: the sign of its dry
-# friction is wrong for longer than a reversal takes.
+# samples, of those not at rest, above which a joint sticks at reversals, twice that of speeds with a normal
+# distribution: the sign of its dry friction is wrong for longer than a reversal takes.
 _CLEAR, _STICKS = 0.3, 0.05
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
@@ -203,23 +203,33 @@ class MotionFilters:
         return tuple(float(f"{cutoff:.3g}") for cutoff in np.minimum(found, ceiling))
 
     def _slow(self, treatment: Treatment) -> tuple[tuple[float, ...], bool]:
-        """The speed of each row below which the sign of its dry friction is uncertain, and whether joints stick."""
+        """The speed of each row below which the sign of its dry friction is uncertain, and whether joints stick.
+
+        The first is of all logs, as a treatment is. A slow log sticks no more than a fast one: the second is judged by
+        each log's own speed.
+        """
         rows = len(self.model.device.row_names)
         if not any(self.model.coulomb_terms(row) for row in range(rows)):
             return (), False
-        speeds, sticks = np.full(rows, np.inf), False
-        squares: dict[tuple[int, int], list[Array]] = {}
-        for log in self.logs:
+        judged = np.array(self.model.device.measured) & ~self._of_noise
+        # Of each velocity: its squares' sum and samples; samples that are slow in their own log, and that are moving.
+        squares: dict[tuple[int, int], Array] = {}
+        slow: dict[tuple[int, int], Array] = {}
+        for log, found in zip(self.logs, self.spectra, strict=True):
             motion = treat(log, treatment)
             c, cd = state(self.model.device, motion, *motion.usable)
+            own = max(spectrum.bandwidth for k, spectrum in enumerate(found) if k not in self.held)
+            window = max(1, round(max(_REST, _RESTS / (own or self.bandwidth)) / motion.dt))
             for row in range(rows):
                 for k, term in enumerate(self.model.coulomb_terms(row)):
-                    squares.setdefault((row, k), []).append(self.model.speed(term, c, cd) ** 2)
-        for (row, _), own in squares.items():
-            square = np.concatenate(own)
-            slow = SLOW**2 * float(np.mean(square))
-            speeds[row] = min(speeds[row], float(np.sqrt(slow)))
-            sticks |= bool(self.model.device.measured[row] and np.mean(square < slow) > _STICKS)
+                    v = self.model.speed(term, c, cd)
+                    squares[row, k] = squares.get((row, k), 0.0) + np.array([v @ v, len(v)])
+                    if judged[row]:
+                        slow[row, k] = slow.get((row, k), 0.0) + _slow_samples(v, window)
+        speeds = np.full(rows, np.inf)
+        for (row, _), (total, many) in squares.items():
+            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / many)))
+        sticks = any(bool(few > _STICKS * moving) for few, moving in slow.values())
         return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds), sticks
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
@@ -330,6 +340,13 @@ class MotionFilters:
             f"Rows at rest, where friction is anything up to dry friction, are left out of all errors: "
             f"{left} % of each motor's.",
         )
+
+
+def _slow_samples(v: Array, window: int) -> Array:
+    """How many samples of a log's velocity are slow beside the others, and how many there are, (2,); none at rest."""
+    rest = at_rest(v, SLOW * float(np.sqrt(np.mean(v**2))), window)
+    square = v[~rest] ** 2
+    return np.array([np.count_nonzero(square < SLOW**2 * square.mean()) if len(square) else 0, len(square)], float)
 
 
 def _held(logs: tuple[Log, ...]) -> tuple[int, ...]:
