@@ -163,6 +163,8 @@ def test_friction_that_the_model_lacks_is_not_compensated_as_a_delay(phantom):
     assert not found.accepted
     np.testing.assert_allclose(found.seconds, 5e-4)
     np.testing.assert_allclose(found.se, 1e-3)
+    np.testing.assert_equal(found.dof, [np.inf] * 3)
+    np.testing.assert_allclose(np.diff(found.conf_int())[:, 0], 2 * 1.96e-3, rtol=1e-3)
     assert "no delay of a drive" in found.sentence
 
 

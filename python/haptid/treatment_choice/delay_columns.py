@@ -1,9 +1,10 @@
-"""Columns of the torque channels' delays: the rate of the model's torque.
+"""Columns of the torque channels' delays: the rate of the model's torque, above the motion of friction's jumps alone.
 
 Positions have noise, and the rate of the torque has its third derivative. In a control loop that noise is what the
 disturbances moved, which are in the residual too; a column with both biases the delay. So above the motion only dry
-friction, which jumps at reversals, is in the column. Where the Gauss-Newton steps end, the residual is orthogonal to
-this column: it is an instrument, and what it leaves out of the true rate matters for the steps alone.
+friction that jumps at reversals, load-dependent friction with it, is in the column. Where the Gauss-Newton steps end,
+the residual is orthogonal to this column: it is an instrument, and what it leaves out of the true rate matters for the
+steps alone.
 
 Source of instruments for robots in closed loops: Janot, Vandanjon and Gautier (2014), IEEE Transactions on Control
 Systems Technology 22(1).
@@ -17,9 +18,8 @@ from functools import lru_cache
 import numpy as np
 from numpy import fft
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, freeze
 from haptid._internal.signals import fast_length
-from haptid.device.terms.friction import DRY
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import channel_shares, position_map
 from haptid.motion.motion import Motion
@@ -75,10 +75,10 @@ def delay_columns(
 
 
 def smooth_part(model: DynamicModel, chi: Array) -> Array:
-    """Parameters of the core's columns without dry friction, (r,)."""
+    """Parameters of the core's columns without dry friction that jumps, also by load, (r,); with presliding."""
     kept = np.array(chi)
     for k, term in enumerate(model.terms):
-        if term.kind in DRY:
+        if term.jumps:
             kept[10 * len(model.device.joints) + k] = 0.0
     return kept
 
@@ -110,4 +110,4 @@ def _of_motion(motion: Motion, x: Array, low: int, highest: float) -> Array:
 def _gain(n: int, highest: float) -> Array:
     """Gain of the sines between both ends of n samples, (n,); `highest` as a share of the sampling rate."""
     frequency = np.arange(n) / (2 * (n - 1))
-    return np.asarray(1 / (1 + (frequency / highest) ** _ORDER))
+    return freeze(np.asarray(1 / (1 + (frequency / highest) ** _ORDER)))

@@ -2,8 +2,10 @@
 
 A command acts late: it is constant from one sample to the next (zero-order hold), and amplifiers and buses add latency.
 To first order a delay d adds d dtau/dt to the residual, so each delay is one more column, the rate of the *model's*
-torque (the measured one is noisy, and would bias its own parameter towards zero). Columns change with the parameters:
-Gauss-Newton steps, with a prior, since friction that the model lacks is late or early as well.
+torque (the measured one is noisy, and would bias its own parameter towards zero). Above three times the motion's
+bandwidth, where the parallel filter is wider, only the jumps of friction are in it: what else the model has there is
+noise of the positions. Columns change with the parameters: Gauss-Newton steps, with a prior, since friction that the
+model lacks is late or early as well. Intervals are Student's t, with the degrees of freedom of the time blocks.
 """
 
 from __future__ import annotations
@@ -15,7 +17,6 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.device.terms.friction import DRY
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
@@ -77,7 +78,9 @@ class Delays:
         samples: of the logs that they were estimated from.
         white: whether by rows that are whitened in time.
         noise_hz: frequency above which the torque without dry friction was taken for noise, Hz.
-        dof: degrees of freedom of their intervals, of the blocks that show them, (channels,).
+        dof: degrees of freedom of their intervals, (channels,): of the blocks that show them, under the wide prior. The
+            prior's variance counts as known: where it is most of the variance, they are many times those of the blocks,
+            and the interval is nearly normal. Infinite where the delays are not those found.
         by_positions: by how much one standard error of each part of the positions' errors moves them, (k, channels),
             s; not in `covariance`, because the parameters move with them.
     """
@@ -179,14 +182,15 @@ def find_delays(
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
     far = np.abs(off).max() > _FAR
     agrees = (
-        _rigid_agrees(problem, float(np.median(d)), dt)
+        _rigid_agrees(problem, float(np.median(d)), dt, rows.noise_hz)
         if odd
         else not far or not _contradicted(model, motions, d, mean)
     )
     if not agrees:
         # What is refused for its size alone says nothing of the delay.
         doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
-        return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt, samples)
+        covariance, known = doubt**2 * np.ones((channels, channels)), np.full(channels, np.inf)
+        return Delays(mean, covariance, d, False, dt, samples, dof=known)
     likely, covariance = _likely(d - mean, spread.covariance, dt)
     return Delays(mean + likely, covariance, d, True, dt, samples, white is not None, rows.noise_hz, spread.dof)
 
@@ -295,8 +299,10 @@ class _Search:
         """Whether whitened rows have nothing in proportion to the second rate of the torque beside a delay."""
         d, beta, _, _ = found
         (mean, covariance), channels, dt = self.prior, len(d), self.motions[0].dt
-        second = [(channels + k, column) for k, column in delay_columns(self.model, self.motions[0], order=2)]
-        columns = [*delay_columns(self.model, self.motions[0]), *second]
+        first, second = (
+            delay_columns(self.model, self.motions[0], order=order, noise_hz=self.noise_hz) for order in (1, 2)
+        )
+        columns = [*first, *((channels + k, column) for k, column in second)]
         late = [with_delay(motion, _setting(d)) for motion in self.motions]
         chi = raw_parameters(self.model, beta)
         problem = NuisanceProblem.of(self.model, late, beta, chi, [columns] * len(late))
@@ -317,7 +323,7 @@ class _Search:
         Args:
             found: by the rate of the whole torque.
         """
-        if not any(term.kind in DRY for term in self.model.terms):
+        if not any(term.jumps for term in self.model.terms):
             return found
         d, beta, problem, spread = found
         mean, covariance = self.prior
@@ -411,13 +417,13 @@ def _problem(
     return NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions))
 
 
-def _rigid_agrees(problem: NuisanceProblem, delay: float, dt: float) -> bool:
+def _rigid_agrees(problem: NuisanceProblem, delay: float, dt: float, noise_hz: float) -> bool:
     """Whether the torque of the rigid bodies alone, next to that of friction, is late by as much.
 
     Friction that the model lacks is late or early on its own; a drive delays every torque alike.
     """
     model, beta = problem.model, problem.beta
-    bodies, everything = (delay_columns(model, problem.motions[0], only) for only in (rigid, None))
+    bodies, everything = (delay_columns(model, problem.motions[0], only, noise_hz=noise_hz) for only in (rigid, None))
     # One delay of the bodies for all channels; what is added for all torque is each channel's own.
     p, n = len(beta), 1 + max(channel for channel, _ in everything)
     columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]

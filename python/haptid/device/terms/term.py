@@ -99,7 +99,12 @@ class TermColumn:
     @property
     def dry(self) -> bool:
         """Whether it is dry friction: it depends on the sign of a velocity."""
-        return self.signed or isinstance(self.shape, LoadDependentFriction)
+        return self.jumps or self.signed
+
+    @property
+    def jumps(self) -> bool:
+        """Whether it is dry friction whose whole torque changes at a reversal, but for a smoothing width."""
+        return self.kind in DRY or isinstance(self.shape, LoadDependentFriction)
 
     @property
     def historic(self) -> bool:
