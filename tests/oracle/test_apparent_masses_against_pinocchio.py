@@ -13,6 +13,8 @@ from test_regressor_against_pinocchio import pinocchio_model  # noqa: E402
 
 # Condition numbers up to which rounding is multiplied by no more than their square.
 WORST = 1e3
+# Far above the rounding of velocities at unit rates, far below those of joints that move the handle.
+ROUNDING = 1e-9
 POINT = [0.1, -0.2, 0.3]
 
 
@@ -40,7 +42,8 @@ def test_apparent_masses_are_those_of_pinocchios_matrices(mechanism, samples, ba
         A = G.T @ np.column_stack([pin.rnea(model, data, q, rest, column) - weight for column in G.T])
         assume(np.linalg.cond(A) < WORST)
         singular = np.linalg.svd(J, compute_uv=False)[:r]
-        if singular[-1] * WORST <= singular[0] * (1 + 1e-9):
+        # Of a handle that cannot move along a row, Pinocchio's column may be rounding.
+        if singular[-1] * WORST <= singular[0] * (1 + 1e-9) or singular[-1] < ROUNDING:
             continue
         np.testing.assert_allclose(condition[k], singular[0] / singular[-1], rtol=1e-9)
         weighted = np.linalg.solve(np.linalg.cholesky(A), J.T).T
