@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 from pathlib import Path
@@ -20,9 +21,25 @@ from haptid.report.tables import show_identification
 from haptid.results.result import Result
 from haptid.study.identify import Identification, identify
 from haptid.study.read import read_study
-from motions import motion, truth
+from motions import motion, multisine, truth
 
 UNKNOWN = {"FV2", "FC2", "OFF2"}
+SPRING = """
+schema = 1
+name = "spring"
+gravity = [0.0, 0.0, -9.81]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+@joint
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[terms]]
+kind = "spring"
+joints = "all"
+"""
+STAGE = 'type = "prismatic"\nalpha = "pi/2"\nlimits = { position = [-0.02, 0.02] }'
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +53,40 @@ def test_those_that_share_a_direction_are_not_excited_and_the_others_are(found: 
     assert abs(found.estimate["FV2"].value) > 100  # what stood in the tables
 
 
+def on_a_spring(folder: Path, joint: str, beta: tuple[float, ...], stroke: float) -> haptid.Estimate:
+    """Of inertia, friction and a spring, of a joint that moves little, with noise of a third of the torque."""
+    (folder / "device.toml").write_text(SPRING.replace("@joint", joint))
+    model = haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
+    q, qd, qdd = (2 * stroke * x for x in multisine(1, 8.0, 2e-3, 3))
+    tau = haptid.inverse_dynamics(model, np.array(beta), q, qd, qdd)
+    tau += 0.3 * tau.std() * np.random.default_rng(0).standard_normal(tau.shape)
+    treatment = haptid.Treatment(cutoff_hz=None)
+    made = haptid.Motion(2e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T))
+    return haptid.estimate(haptid.observe(model, made), haptid.WLS())
+
+
+@pytest.mark.parametrize(
+    ("joint", "beta", "stroke"),
+    [(STAGE, (0.5, 2.0, 100.0), 0.01), ("alpha = 0", (0.01, 0.05, 40.0), 0.002)],
+)
+def test_a_spring_that_moves_little_and_is_known_well_keeps_its_figure(
+    tmp_path: Path, joint: str, beta: tuple[float, ...], stroke: float
+) -> None:
+    made = on_a_spring(tmp_path, joint, beta, stroke)
+    spring = made["K1"]
+    assert spring.relative_se < 1.0
+    assert spring.excited
+    assert spring.cells.value[0].isdigit()
+    low, _, high = spring.cells.interval.partition(" .. ")
+    assert float(low) < beta[-1] < float(high)
+
+
+def test_a_bounded_interval_is_printed_even_of_what_is_not_excited(found: Identification) -> None:
+    for p in found.estimate.parameters:
+        assert (p.cells.interval == "unbounded") == (not np.isfinite(p.conf_int()).all())
+        assert p.excited or p.conf_int()[0] <= 0 <= p.conf_int()[1] or p.se >= abs(p.value)
+
+
 def test_the_terminal_shows_no_figure_of_them(found: Identification) -> None:
     text = io.StringIO()
     show_identification(Console(file=text, width=160), found)
@@ -44,7 +95,7 @@ def test_the_terminal_shows_no_figure_of_them(found: Identification) -> None:
         assert lines[name].split()[1:3] == ["not", "excited"]
     assert "unbounded" in lines["FC2"]
     assert " .. " in lines["FV2"]  # its bound
-    assert "Not excited: in a motion through the whole workspace" in text.getvalue()
+    assert "Not excited: the log does not tell the parameter from zero" in text.getvalue()
     assert lines["FV1"].split()[1][0].isdigit()
 
 
@@ -63,6 +114,8 @@ def test_the_file_keeps_the_figures_and_says_which_mean_nothing(found: Identific
     stored = json.loads((tmp_path / "result" / "result.json").read_text())["estimate"]["parameters"]
     assert {p["name"] for p in stored if not p["excited"]} == UNKNOWN
     assert next(p for p in stored if p["name"] == "FV2")["value"] == found.estimate["FV2"].value
+    with (tmp_path / "result" / "parameters.csv").open(newline="") as file:
+        assert {row["name"] for row in csv.DictReader(file) if row["excited"] == "false"} == UNKNOWN
 
 
 def test_what_is_excited_but_near_zero_keeps_its_figure() -> None:

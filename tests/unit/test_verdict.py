@@ -24,22 +24,25 @@ from haptid.validation.validation import MotorError, Validation
 LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
 
 
-def estimate(parameters, invented=()):
-    """An estimate of these parameters, some of which are of rounding alone."""
+def estimate(parameters):
+    """An estimate of these parameters."""
     return SimpleNamespace(
         parameters=parameters,
         free_parameters=parameters,
-        model=SimpleNamespace(only_by_rounding=invented),
         observation=SimpleNamespace(motors=()),
     )
 
 
-def given(relative, statuses, told=4, seen=False, invented=(), proven=None):
-    """The verdict on an estimate of four parameters, `told` of them known well and `invented` of rounding alone."""
-    parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
+def parameter(name, relative_se=1.0, excited=True):
+    return SimpleNamespace(name=name, relative_se=relative_se, excited=excited)
+
+
+def given(relative, statuses, told=4, seen=False, unexcited=(), proven=None):
+    """The verdict on an estimate of four parameters, `told` of them known well, and some `unexcited`."""
+    parameters = [parameter(f"P{k}", 1.0 if k < told else 50.0, f"P{k}" not in unexcited) for k in range(4)]
     errors = Validation((MotorError("1", "motor 1", "N m", relative, 100.0, 10),), seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
-    return verdict(estimate(parameters, invented), errors, findings, proven)
+    return verdict(estimate(parameters), errors, findings, proven)
 
 
 def test_every_look_that_counts_has_plain_words():
@@ -84,7 +87,7 @@ def test_a_large_error_is_itself_the_reason():
 
 def test_parameters_that_rounding_invents_are_not_counted_as_told():
     """They are said not to be quoted, and were among those with small standard errors."""
-    told = given(0.2, {}, invented=("P1",)).sentences[2]
+    told = given(0.2, {}, unexcited=("P1",)).sentences[2]
     assert "because only 3 of 4 have standard errors below 10 % (P0, P2 and P3)" in told
 
 
@@ -100,7 +103,7 @@ def test_without_unseen_rows_a_validation_is_wanted():
 
 
 def test_negative_friction_is_not_said_of_the_torque():
-    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    parameters = [parameter("P")]
     errors = Validation((MotorError("1", "motor 1", "N m", 0.2, 100.0, 10),), False)
     both, bodies = {"negative FV1": -0.1, "negative IA2": -1.0}, "the inertial torque of the device file's bodies."
     for sentence, figures, words in (
@@ -127,7 +130,7 @@ def test_a_motor_with_hardly_any_torque_does_not_decide():
     assert errors.relative == pytest.approx(100 * math.sqrt((2 / 100.0001 + 0.04) / 2))
     assert [m.motor for m in errors.silent] == ["2"]
     assert errors.largest.motor == "3"
-    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    parameters = [parameter("P")]
     made = verdict(estimate(parameters), errors, [])
     assert (made.torque, made.parameters) == ("doubt", "doubt")
     assert "the torque error of motor 3 is 20 %" in made.sentences[0]
@@ -139,7 +142,7 @@ def test_a_small_motor_is_named_and_does_not_decide_and_a_large_one_does():
     small = Validation((replace(DEAD[0], residual=0.4), motor("2", "N m", 0.057, 0.07)), False)
     assert (small.silent, small.largest.motor) == ((), "1")
     assert [(m.motor, round(share, 3)) for m, share in small.small] == [("2", 0.007)]
-    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    parameters = [parameter("P")]
     made = verdict(estimate(parameters), small, [])
     assert made.torque == "doubt"
     assert (

@@ -24,7 +24,7 @@ from haptid.estimation.method import Fit, Fitting, Knowing, Method, PointEstimat
 from haptid.estimation.methods.anchored import reference_torque
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.estimation.parameter import Parameter
+from haptid.estimation.parameter import Parameter, not_told_from_zero
 from haptid.estimation.torque_uncertainty import judged_uncertainty
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
@@ -166,9 +166,10 @@ class Estimate:
     def unexcited(self) -> tuple[int, ...]:
         """Indices of the parameters whose values mean nothing, since the rows do not tell them.
 
-        One standard error of such a parameter is as much torque, in a reference motion of the whole workspace at the
-        log's speed, as was measured in the log (`reference_torque`); or it is not determined at all, and left out at
-        zero; or it is in the model only through the rounding of the device file's angles.
+        They do not tell such a parameter from zero, and one standard error of it is as much torque, in a reference
+        motion at the log's speed, as was measured in the log (`reference_torque`); or it is not determined at all, and
+        left out at zero; or it is in the model only through the rounding of the device file's angles. Torque alone does
+        not decide: the reference motion may go much further than the device can, where a spring known to 1 % has much.
         """
         invented = {self.names.index(name) for name in self.model.only_by_rounding}
         left_out = set(self.zero) & set(self.single_block)
@@ -176,13 +177,16 @@ class Estimate:
 
     @property
     def _open(self) -> set[int]:
-        """Indices of those of which one standard error is as much torque as was measured; none of held poses."""
+        """Indices of those not told from zero with a standard error of as much torque as measured; none of poses."""
         if not self.observation.motions:
             return set()
-        half = np.diff(self.conf_int(), axis=1)[:, 0] / 2
+        ends = self.conf_int()
         # Constraints may bound a parameter more narrowly; without a standard error there is the classical one.
-        size = np.minimum(np.maximum(np.where(np.isfinite(self.se), self.se, 0.0), self._classical_se), half)
-        return set(np.flatnonzero(size * np.linalg.norm(reference_torque(self.observation), axis=0) > 1.0).tolist())
+        finite = np.maximum(np.where(np.isfinite(self.se), self.se, 0.0), self._classical_se)
+        size = np.minimum(finite, np.diff(ends, axis=1)[:, 0] / 2)
+        large = size * np.linalg.norm(reference_torque(self.observation), axis=0) > 1.0
+        untold = not_told_from_zero(self.beta, np.maximum(self.se, self._classical_se), ends)
+        return set(np.flatnonzero(large & untold).tolist())
 
     @property
     def _classical_se(self) -> Array:

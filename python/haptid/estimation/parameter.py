@@ -27,6 +27,20 @@ class HasIntervals(Protocol):
         """Indices of those that the rows leave open."""
 
 
+def not_told_from_zero(values: Array, se: Array, ends: Array) -> Array:
+    """Whether the rows do not tell each value from zero: its interval holds zero, or its standard error is as large.
+
+    Args:
+        values, se: (k,); an infinite standard error is as large as any value.
+        ends: of the confidence intervals, (k, 2).
+
+    Returns:
+        (k,), of bool.
+    """
+    holds_zero = (ends[:, 0] <= 0) & (ends[:, 1] >= 0)
+    return np.asarray(holds_zero | ~(se < np.abs(values)))
+
+
 class ParameterCells(NamedTuple):
     """A parameter as texts of a table.
 
@@ -100,7 +114,7 @@ class Parameter:
         )
         if not self.excited:
             prior = "" if self.prior is None else f"{self.prior[0]:.4g}"
-            return ParameterCells(NOT_EXCITED, interval if low < 0 < high else "-", "", "", prior)
+            return ParameterCells(NOT_EXCITED, interval, "", "", prior)
         held = self.constrained_outside_ci
         return ParameterCells(
             f"{self.value:.4g}" if held else with_digits(self.value, self.se),

@@ -15,10 +15,11 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError, index_of
 from haptid.estimation import BetweenLogs, Estimate, Parameter
 from haptid.estimation.least_squares import untold
+from haptid.estimation.parameter import not_told_from_zero
 from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
-# A drive rate below this share of the largest is rounding error.
+# A drive rate, or a factor of a target, below this share of the largest is rounding error.
 _ROUNDING = 1e-7
 
 
@@ -102,10 +103,11 @@ class Targets:
 
     @cached_property
     def unexcited(self) -> tuple[int, ...]:
-        """Indices of targets not told apart from zero that are combined of base parameters which are not excited."""
-        open_ones = list(self.estimate.unexcited)
-        on_open = np.abs(self.C[:, open_ones]).any(axis=1)
-        return tuple(int(k) for k in np.flatnonzero(on_open & ~(self.se < np.abs(self.value))))
+        """Indices of targets not told from zero that are combined of base parameters which are not excited."""
+        share = np.abs(self.C) / np.abs(self.C).max(axis=1, keepdims=True, initial=np.finfo(float).tiny)
+        on_open = (share[:, list(self.estimate.unexcited)] > _ROUNDING).any(axis=1)
+        untold = not_told_from_zero(self.value, self.se, self.conf_int())
+        return tuple(int(k) for k in np.flatnonzero(on_open & untold))
 
     @cached_property
     def between_logs(self) -> BetweenLogs | None:

@@ -24,8 +24,9 @@ _GREY = 50.0
 # Characters of all motors' labels above which the columns of a table have their numbers.
 _WIDEST = 120
 UNEXCITED = (
-    "Not excited: in a motion through the whole workspace, one standard error of the parameter is more torque than the "
-    "log has; or only rounded angles put it into the model. Its figure in result.json means nothing by itself."
+    "Not excited: the log does not tell the parameter from zero, and in a motion that takes joints through all poses "
+    "one standard error of it is more torque than the log has; or only rounded angles put it into the model. Its "
+    "figure in result.json means nothing by itself."
 )
 
 

@@ -207,7 +207,7 @@ class Result(ResultTable):
             self._clusters.save(folder / CLUSTERS)
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
-        extra = ("unconstrained", "log_to_log_deviation", "repeat_low", "repeat_high")
+        extra = ("unconstrained", "excited", "log_to_log_deviation", "repeat_low", "repeat_high")
         write_csv(folder / "parameters.csv", [(*heads, *extra), *map(_csv_row, self.estimate.parameters)])
         named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
@@ -433,8 +433,9 @@ def _csv_row(p: ResultParameter) -> list[object]:
     shown = "" if p.constrained_outside_ci else relative
     se = math.inf if p.se is None else p.se
     between = p.between_logs
+    excited = "true" if p.excited else "false"
     last = ["", "", ""] if between is None else [_cell(x) for x in (between.deviation, *between.repeat_conf_int)]
-    return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained, *last]
+    return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained, excited, *last]
 
 
 def _cell(value: float | None) -> float | str:

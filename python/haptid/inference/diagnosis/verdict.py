@@ -239,9 +239,9 @@ def _small(errors: Validation) -> list[Reason]:
 
 
 def _precision(fitted: Estimate) -> Reason:
-    """How many parameters have a small standard error; none that only the rounding of the device file has made."""
-    invented, count = fitted.model.only_by_rounding, len(fitted.free_parameters)
-    good = [p.name for p in fitted.parameters if p.relative_se < QUOTABLE and p.name not in invented]
+    """How many parameters have a small standard error; none that the log does not tell."""
+    count = len(fitted.free_parameters)
+    good = [p.name for p in fitted.parameters if p.relative_se < QUOTABLE and p.excited]
     if len(good) == count:
         return Reason("ok", f"all {count} have standard errors below {QUOTABLE:g} %")
     if not good:
