@@ -452,3 +452,10 @@ def test_currents_beside_torques_are_asked_about(tmp_path: Path, name: str, aske
     np.savetxt(path, table, delimiter=",", header=header, comments="")
     line = next(line for line in survey(path).table.splitlines() if "also there: Current1, Current2" in line)
     assert ("computed by a controller's model" in line) is asked
+
+
+def test_a_letter_in_brackets_is_a_unit_behind_a_space_and_a_joint_without() -> None:
+    assert unit_apart("time [h]") == ("time", "h")
+    assert unit_apart("current1 [a]") == ("current1", "a")
+    assert element_of("time [h]") is None
+    assert unit_apart("position[a]") == ("position[a]", "")

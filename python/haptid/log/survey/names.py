@@ -120,8 +120,8 @@ def unit_apart(name: str) -> tuple[str, str]:
     """A name without the unit that is written at its end, and that unit; empty where there is none."""
     if match := _BRACKETED.search(name):
         unit = match["unit"].strip()
-        # A joint's name is a letter too: `position[a]` is not in A.
-        letter = len(unit) == 1 and unit.islower() and unit not in ("m", "s")
+        # A joint's name is a letter too: `position[a]` is not in A; behind a space, `time [h]`, it is a unit.
+        letter = len(unit) == 1 and unit.islower() and unit not in ("m", "s") and not match["space"]
         if not (unit.isdecimal() or letter) and (match["space"] or known_unit(unit) or _OTHER_UNITS.fullmatch(unit)):
             return name[: match.start()], unit
         return name, ""
