@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +14,13 @@ from typer.testing import CliRunner
 import haptid
 import small_study
 from haptid import errors
+from haptid.app.work import digest_of
 from haptid.cli import app
 from haptid.log.file_format import sha256_of
+from haptid.log.formats.folders import matched_files, root_of
 from haptid.log.survey import survey
 from haptid.log.survey.parts import parts_in_words, recordings
+from haptid.report.run import _file_stem
 from haptid.study.draft import draft_study
 from haptid.study.read import read_study
 from motions import multisine
@@ -150,8 +154,38 @@ def test_a_study_reads_files_by_a_pattern_and_their_hash_is_of_all(tmp_path: Pat
     (tmp_path / "study.toml").write_text(text.split('\n[[logs]]\npath = "run2_')[0])
     found = haptid.identify(read_study(tmp_path / "study.toml"))
     np.testing.assert_allclose(found.estimate["ZZ2"].value, beta[model.base.names.index("ZZ2")], rtol=0.02)
-    before = sha256_of(tmp_path / "run1_*.csv")
+    before, seen = sha256_of(tmp_path / "run1_*.csv"), digest_of(tmp_path / "study.toml")
     write(tmp_path, "run1_tau.csv", tau.T + 1.0)
     assert sha256_of(tmp_path / "run1_*.csv") != before
-    with pytest.raises(errors.LogFileError, match="no such file"):
+    os.utime(tmp_path / "run1_tau.csv", (1.0, 1.0))
+    assert digest_of(tmp_path / "study.toml") != seen
+    with pytest.raises(errors.LogFileError, match="no table or array matches"):
         haptid.read_log(tmp_path / "run9_*.csv")
+
+
+def test_a_pattern_below_a_folder_with_a_star_and_too_many_files(tmp_path: Path) -> None:
+    folder = tmp_path / "set*1"
+    for name, array in (("q", Q), ("tau", TAU)):
+        write(folder, f"run1_{name}.csv", array)
+    assert [name for name, _ in matched_files(folder / "run1_*.csv")] == ["q", "tau"]
+    assert survey(folder / "run1_*.csv").quantities >= {"position", "torque"}
+    for k in range(70):
+        write(folder, f"many_{k}.csv", T[:3])
+    with pytest.raises(errors.LogFileError, match="70 files match; at most 64 are one log"):
+        survey(folder / "many_*.csv")
+    with pytest.raises(errors.LogFileError, match="no such file"):
+        survey(folder / "none" / "*.csv")
+
+
+def test_files_of_a_pattern_are_named_from_the_folder_above_its_star() -> None:
+    assert root_of(Path("/haptid-none-*.csv")) == Path("/")
+    assert root_of(Path("haptid-none-*.csv")) == Path()
+    assert len(sha256_of(Path("/haptid-none-*.csv"))) == 64
+
+
+@pytest.mark.parametrize(
+    ("log", "stem"),
+    [("run1_*.csv", "run1"), ("*/run1.csv", "run1"), ("a/ex-*-9.csv", "ex-9"), ("*_2.csv", "2"), ("*.csv", "")],
+)
+def test_pictures_of_a_pattern_have_no_star_in_their_names(log: str, stem: str) -> None:
+    assert _file_stem(log) == stem

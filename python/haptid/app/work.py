@@ -56,7 +56,7 @@ def digest_of(study: Path) -> str:
         DeviceFileError: its device cannot be read.
     """
     from haptid.device.toml.reader import read_tables
-    from haptid.log.formats.folders import log_files
+    from haptid.log.formats.folders import log_files, root_of
     from haptid.study import read_study
 
     found, made = read_study(study), hashlib.sha256(study.read_bytes())
@@ -66,8 +66,8 @@ def digest_of(study: Path) -> str:
         files = sorted(path.rglob("*")) if path.is_dir() else log_files(path)
         for file in files:
             about = file.stat() if file.exists() else None
-            name = os.path.relpath(file, study.parent)
-            made.update(f"{name}:{about and (about.st_size, about.st_mtime_ns)}".encode())
+            name = file.relative_to(root_of(path)).as_posix() if file != path else ""
+            made.update(f"{entry.path}/{name}:{about and (about.st_size, about.st_mtime_ns)}".encode())
     return made.hexdigest()
 
 

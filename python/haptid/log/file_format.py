@@ -16,12 +16,15 @@ from haptid.errors import LogFileError
 from haptid.log.formats.assignments import is_assignments
 from haptid.log.formats.controller_trace import HEAD, is_trace
 from haptid.log.formats.folders import (
+    MOST_TABLES,
     bag_files,
     data_set_files,
     is_pattern,
     log_files,
+    matched_files,
     natural,
     parquet_files,
+    root_of,
     table_files,
 )
 from haptid.log.formats.labelled import is_labelled
@@ -153,7 +156,8 @@ def format_of(path: Path) -> Format:
                 if files(path):
                     return kind
             raise _no_log(path)
-        if is_pattern(path) and log_files(path):
+        if is_pattern(path):
+            _check_matched(path)
             return _TABLES
         if not path.exists():
             raise LogFileError(
@@ -226,6 +230,25 @@ def _no_log(folder: Path) -> LogFileError:
     )
 
 
+def _check_matched(pattern: Path) -> None:
+    """Refuse a path with one `*` that stands for no file, or for more than one log has."""
+    found = len(matched_files(pattern))
+    if not found:
+        raise LogFileError(
+            f"{pattern}: no table or array matches.",
+            where=pattern,
+            advice="`*` stands for the words in which the names of one recording's files, or of their folders, differ.",
+        )
+    if found > MOST_TABLES:
+        raise LogFileError(
+            f"{pattern}: {found} files match; at most {MOST_TABLES} are one log.",
+            where=pattern,
+            found=found,
+            limit=MOST_TABLES,
+            advice="Name fewer, by more of their names before or after `*`.",
+        )
+
+
 def _inaccessible(path: Path, why: str) -> LogFileError:
     """Error of a file that cannot be opened."""
     return LogFileError(f"{path} cannot be read: {why}.", where=path, advice="Check its permissions, or copy the file.")
@@ -234,7 +257,7 @@ def _inaccessible(path: Path, why: str) -> LogFileError:
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file's bytes; of several, of the names and digests of the files that hold its samples."""
     if path.is_dir() or is_pattern(path):
-        root = Path(path.as_posix().partition("*")[0].rpartition("/")[0]) if is_pattern(path) else path
+        root = root_of(path)
         lines = "".join(f"{sha256_of(file)}  {file.relative_to(root).as_posix()}\n" for file in log_files(path))
         return hashlib.sha256(lines.encode()).hexdigest()
     with path.open("rb") as file:

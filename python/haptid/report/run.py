@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -68,7 +69,7 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
     report_of(source).write_into(folder)
     progress("writing the report", 1.0)
     for k, run in _pictured(identification.runs):
-        name = f"torque-{k + 1}-{Path(run.entry.path).stem}.svg"
+        name = f"{'-'.join(filter(None, (f'torque-{k + 1}', _file_stem(run.entry.path))))}.svg"
         progress(f"drawing {name}", 0.0)
         kind = "rows of the fit" if run.fit_errors else "unseen"
         title = f"{identification.study.name}: {run.entry.path} ({kind})"
@@ -76,6 +77,11 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
         draw_torque([track.prediction], track.rows, title, folder / name)
         progress(f"drawing {name}", 1.0)
     return result
+
+
+def _file_stem(log: str) -> str:
+    """The name of a log's file without its suffix, nor a `*` and a separator beside it: `run1` of `run1_*.csv`."""
+    return re.sub(r"^\*[-_. ]?|[-_. ]?\*", "", Path(log).stem)
 
 
 def _pictured(runs: Sequence[Run]) -> list[tuple[int, Run]]:
