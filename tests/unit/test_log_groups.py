@@ -90,3 +90,86 @@ def test_groups_without_times_of_their_own_are_refused_by_how_much(tmp_path: Pat
     signals = haptid.Signal(("encoder.q1", "encoder.q2"), "rad"), haptid.Signal(("drive.tau1", "drive.tau2"), "N m")
     with pytest.raises(errors.LogDataError, match="1500 fewer"):
         haptid.read_log(path, haptid.Channels(*signals, time="encoder.t"))
+
+
+def two_groups(path: Path, own: np.ndarray, tau: np.ndarray, name: str = "time", **attributes: str) -> Path:
+    """Positions and torques in groups of their own, each with times."""
+    with h5py.File(path, "w") as file:
+        file["enc/time"] = T
+        stamps = file.create_dataset(f"drv/{name}", data=own)
+        stamps.attrs.update(attributes)
+        for k in range(2):
+            file[f"enc/q{k + 1}"], file[f"drv/tau{k + 1}"] = Q[:, k], tau[:, k]
+    return path
+
+
+def read_groups(path: Path) -> haptid.Log:
+    signals = haptid.Signal(("enc.q1", "enc.q2"), "rad"), haptid.Signal(("drv.tau1", "drv.tau2"), "N m")
+    return haptid.read_log(path, haptid.Channels(*signals, time="enc.time"))
+
+
+def torques_at(t: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.cos(w * t) for w in (1.7, 2.1)])
+
+
+@pytest.mark.parametrize(("name", "attributes"), [("time_ms", {}), ("time", {"units": "ms"})])
+def test_times_of_a_group_have_the_unit_that_is_stated_of_them(tmp_path: Path, name: str, attributes: dict) -> None:
+    log = read_groups(two_groups(tmp_path / "run.h5", 1e3 * LATE, HELD, name, **attributes))
+    np.testing.assert_allclose(log.torque, torques_at(log.t + T[1]), atol=1e-4)
+    assert any(f"by drv.{name} in ms" in note for note in log.notes)
+
+
+def test_times_in_a_unit_that_is_not_stated_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(errors.LogTimeError, match=r"run from 0\.7 to 3992\.7 s .* last 3\.998 s: the clocks have"):
+        read_groups(two_groups(tmp_path / "run.h5", 1e3 * LATE, HELD))
+    slow = np.arange(0.0, 4.0, 0.05)[: T.size]
+    assert read_groups(two_groups(tmp_path / "slow.h5", slow, torques_at(slow))).torque.shape[0] > 1900
+    slower = np.arange(0.0, 24.0, 0.3)
+    with pytest.raises(errors.LogTimeError, match=r"are 0\.3 s apart, .* 0\.002 s \(limit 0\.1 s\)"):
+        read_groups(two_groups(tmp_path / "slower.h5", slower, torques_at(slower)))
+
+
+def test_groups_of_equal_rows_and_other_times_are_merged_by_these(tmp_path: Path) -> None:
+    late = T + 0.05
+    log = read_groups(two_groups(tmp_path / "run.h5", late, torques_at(late)))
+    np.testing.assert_allclose(log.torque, torques_at(log.t + 0.05), atol=1e-5)
+    assert log.t.size == T.size - 25
+    with pytest.raises(errors.LogTimeError, match=r"'drv\.time', which are not those of 'enc\.time'"):
+        haptid.open_log(tmp_path / "run.h5", log.channels)
+    same = read_groups(two_groups(tmp_path / "same.h5", 1e3 * (T + 1e-7), TAU, "time_ms"))
+    np.testing.assert_array_equal(same.torque, TAU)
+    assert not any("merged" in note for note in same.notes)
+    with pytest.raises(errors.LogTimeError, match="the clocks have no time in common"):
+        read_groups(two_groups(tmp_path / "epoch.h5", T + 1.7e9, TAU))
+
+
+def test_times_of_a_group_are_checked_as_those_of_the_positions(tmp_path: Path) -> None:
+    back = T.copy()
+    back[500:] -= 0.9
+    missing = T + 0.001
+    missing[700] = np.nan
+    huge = T + 0.001
+    huge[700] = 1e300
+    counts = np.arange(T.size, dtype=np.uint64)
+    counts[900] = np.uint64(2**64 - 5)
+    for own, found, kind in (
+        (back, "time decreases at sample 500 of 'drv.time'", errors.LogTimeError),
+        (missing, "drv.time", errors.LogDataError),
+        (huge, "drv.time", errors.LogDataError),
+        (counts, "time decreases at sample 900 of 'drv.time'", errors.LogTimeError),
+        (np.zeros(T.size), "1999 of 2000 stamps in 'drv.time'", errors.LogTimeError),
+    ):
+        with pytest.raises(kind, match=found):
+            read_groups(two_groups(tmp_path / "run.h5", own, TAU))
+
+
+def test_whole_times_are_subtracted_without_rounding(tmp_path: Path) -> None:
+    first = 2**63 + 10**9  # as uint64, of nanoseconds
+    begin = np.rint(1e9 * T).astype(np.uint64) + np.uint64(first)
+    late = np.rint(1e9 * LATE).astype(np.uint64) + np.uint64(first)
+    with h5py.File(two_groups(tmp_path / "run.h5", late, HELD, "time_ns"), "r+") as file:
+        del file["enc/time"]
+        file["enc/time_ns"] = begin
+    signals = haptid.Signal(("enc.q1", "enc.q2"), "rad"), haptid.Signal(("drv.tau1", "drv.tau2"), "N m")
+    log = haptid.read_log(tmp_path / "run.h5", haptid.Channels(*signals, time="enc.time_ns", time_unit="ns"))
+    np.testing.assert_allclose(log.torque, torques_at(log.t + T[1]), atol=1e-4)

@@ -42,6 +42,7 @@ class Format:
     Attributes:
         by_rows: whether some rows can be read without the others.
         asks: whether reading depends on a `Request`, and its notes say what was found.
+        groups: whether channels may be in groups, each with times of its own.
         extension: what another package declared in `haptid.log_formats`, in place of `module`.
     """
 
@@ -50,6 +51,7 @@ class Format:
     module: str
     by_rows: bool = False
     asks: bool = False
+    groups: bool = False
     extension: Any = None
 
     @property
@@ -92,11 +94,11 @@ FOLDER_OF_TABLES = "folder of tables"
 FORMATS = (
     Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log", ".lvm"), "csv", asks=True),
     Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
-    Format("MATLAB", (".mat",), "mat"),
-    Format("NumPy", (".npz", ".npy"), "npz"),
-    Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True),
+    Format("MATLAB", (".mat",), "mat", groups=True),
+    Format("NumPy", (".npz", ".npy"), "npz", groups=True),
+    Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True, groups=True),
     Format("MCAP or ROS bag", (".mcap", ".bag", ".db3"), "messages", asks=True),
-    Format("TDMS", (".tdms",), "tdms", asks=True),
+    Format("TDMS", (".tdms",), "tdms", asks=True, groups=True),
     Format("LeRobot data set", (), "lerobot", asks=True),
     Format("JSON", (".json", ".jsonl", ".ndjson"), "json"),
     Format("text with a channel in each row", (), "transposed"),

@@ -20,6 +20,8 @@ from haptid.log.request import Merge
 _LARGEST_GAP = 4.0
 # Times beyond this are no nanoseconds in 64 bits, s.
 _LATEST = 9e9
+# Share of a step by which times of two sources differ at most that are the same.
+SAME_TIMES = 1e-3
 # Least share of a table's rows without a channel, between its first and last value: fewer empty cells are a defect.
 SPARSE = 0.02
 
@@ -57,7 +59,8 @@ def common_rows(
         notes: appended to.
     """
     there = {name: ~np.isnan(column) for name, column in columns.items() if column.dtype.kind == "f"}
-    # A defect, for which another check is there. Times are not multiplied: a flipped bit makes a NaN that signals.
+    # A defect, for which another check is there: the unit is put on the limit, and times are made s where all are below
+    # it, since a product with what a flipped bit made may overflow.
     if not (np.abs(columns[time]) < _LATEST / scale).all():
         return dict(columns)
     streams: list[tuple[NDArray[np.bool_], list[str]]] = []
@@ -89,46 +92,6 @@ def common_rows(
     if not keep.any():
         return dict(columns)
     return {name: out[name][keep] for name in columns}
-
-
-def by_own_times(
-    columns: Mapping[str, RawChannel],
-    times: Mapping[str, RawChannel],
-    time: str,
-    scale: float,
-    first: Sequence[str],
-    merge: Merge,
-    notes: list[str],
-) -> dict[str, RawChannel]:
-    """Columns of different lengths on the rows of the positions' times, those of other lengths by times of their own.
-
-    Args:
-        columns: of a file of several groups, (rows of each,); those of which no times are known stay as they are.
-        times: of each column that has some of its own, by its name, (its rows,).
-        time: name of the times of the positions among the columns.
-        scale: s in one unit of all times.
-        first: names of the positions.
-        merge: how the others come to these rows.
-        notes: appended to.
-    """
-    rows = columns[time].size
-    others = [name for name, column in columns.items() if column.size != rows]
-    if any(name in others for name in first) or not set(others) <= set(times):
-        return dict(columns)
-    begin = columns[time][0]
-    stamps = np.rint((columns[time] - begin).astype(np.float64) * scale * 1e9).astype(np.int64)
-    groups: dict[bytes, list[str]] = {}
-    for name in others:
-        groups.setdefault(times[name].tobytes(), []).append(name)
-    out, keep = {name: column for name, column in columns.items() if name not in others}, np.ones(rows, bool)
-    for names in groups.values():
-        own = np.rint((times[names[0]] - begin).astype(np.float64) * scale * 1e9).astype(np.int64)
-        stream = Stream("", own, None, {name: columns[name] for name in names})
-        found, usable, sentence = at_stamps(merge, stamps, own, stream)
-        out |= found
-        keep &= usable
-        notes.append(sentence)
-    return {name: out[name][keep] for name in columns} if keep.any() else dict(columns)
 
 
 def _sparse(present: NDArray[np.bool_]) -> bool:

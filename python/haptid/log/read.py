@@ -19,11 +19,12 @@ from haptid.log import checks, units
 from haptid.log.channel_clocks import clock_drift
 from haptid.log.file_format import FORMATS, LEROBOT, MESSAGES, Format, format_of, sha256_of
 from haptid.log.formats.folders import log_size
-from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, group_of, guess
+from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
+from haptid.log.group_times import on_rows_of_positions, refuse_other_times
 from haptid.log.inspection import ChannelKind, Inspection, Times
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
-from haptid.log.merging import by_own_times, common_rows
+from haptid.log.merging import common_rows
 from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
 from haptid.log.spectrum import quantum
@@ -81,9 +82,8 @@ def read_log(
     for name in channels.sources:
         if name not in columns:
             raise _missing(path, name, kind.names(path))
-    if channels.time is not None and len({column.size for column in columns.values()}) > 1:
-        own, scale = _own_times(path, kind, columns), units.scale(channels.time_unit, "time")[1]
-        columns = by_own_times(columns, own, channels.time, scale, channels.position.channels, channels.merge, notes)
+    if channels.time is not None and kind is not MESSAGES:
+        columns = on_rows_of_positions(path, kind, channels, columns, notes)
     count = checks.lengths(path, columns)
     if count == 0:
         raise empty(path, "channels and no rows")
@@ -131,20 +131,6 @@ def read_log(
         steps,
     )
     return _with_drift(log, found.report).without(exclude)
-
-
-def _own_times(path: Path, kind: Format, columns: dict[str, RawChannel]) -> dict[str, RawChannel]:
-    """Times beside columns, in their groups and of their lengths, by the columns' names."""
-    from haptid.log.survey.names import is_time  # slow to import, and few logs need it
-
-    every = [name for name in kind.names(path) if is_time(name)]
-    beside = {
-        name: [t for t in every if t == f"{name}@time" or ("." in name and t.rpartition(".")[0] == group_of(name))]
-        for name in columns
-    }
-    read = kind.columns(path, list(dict.fromkeys(t for own in beside.values() for t in own)))
-    found = {name: [read[t] for t in own if read[t].size == columns[name].size] for name, own in beside.items()}
-    return {name: own[0] for name, own in found.items() if own}
 
 
 def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
@@ -300,6 +286,8 @@ class _FileReader:
         if self.count == 0:
             raise empty(path, "channels and no rows")
         raw = None if channels.time is None else column
+        if raw is not None and kind.groups:
+            refuse_other_times(path, kind, channels, dict.fromkeys(channels.sources, column))
         self.times = Times.of(path, channels, raw, self.count, time_range, notes)
         self.inspection = Inspection(path, self.times, notes)
         self.seen: dict[bytes, str] = {}

@@ -149,7 +149,7 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
     """
     check_length(path, seconds.size)
     seconds, notes = _restarted(seconds)
-    _check_order(path, name, seconds)
+    check_order(path, name, seconds)
     steps = np.diff(seconds[:_PIECE])
     step = float(np.median(steps))
     if step > SLOWEST:
@@ -173,6 +173,12 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             f"the time channel {name!r} implies {1 / step:.3g} Hz, faster than machines are recorded: its "
             "`time_unit` is probably coarser",
         )
+    repeated = check_repeats(path, name, seconds)
+    return Stamps(repeated, seconds, fineness, notes)
+
+
+def check_repeats(path: Path, name: str, seconds: Array, advice: str = "") -> NDArray[np.intp]:
+    """Rows whose stamp equals that of the row before; stamps of which most do are refused, with this advice."""
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
     if repeated.size > (1 - 1 / COARSEST) * seconds.size:
         raise LogTimeError(
@@ -181,10 +187,11 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             where=name,
             found=repeated.size / seconds.size,
             limit=1 - 1 / COARSEST,
-            advice="Stamps are coarser than the sampling (a clock of the epoch in single precision, whole seconds): "
+            advice=advice
+            or "Stamps are coarser than the sampling (a clock of the epoch in single precision, whole seconds): "
             "leave `time` out and give `rate_hz`.",
         )
-    return Stamps(repeated, seconds, fineness, notes)
+    return repeated
 
 
 def _restarted(seconds: Array) -> tuple[Array, tuple[str, ...]]:
@@ -215,7 +222,8 @@ def _restarted(seconds: Array) -> tuple[Array, tuple[str, ...]]:
     )
 
 
-def _check_order(path: Path, name: str, seconds: Array) -> None:
+def check_order(path: Path, name: str, seconds: Array, advice: str = "") -> None:
+    """Refuse stamps that are missing, or earlier than the one before, with this advice."""
     if not all_usable(seconds):
         bad = ~usable(seconds)
         raise non_finite(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
@@ -224,10 +232,12 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
         k = int(back[0])
         more = f", and at {back.size - 1} more places" if back.size > 1 else ""
         raise LogTimeError(
-            f"{path}: time decreases at sample {k + 1}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s{more}.",
+            f"{path}: time decreases at sample {k + 1} of {name!r}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s"
+            f"{more}.",
             where=k + 1,
             found=(float(seconds[k]), float(seconds[k + 1])),
-            advice="Either the clock was set or restarted, or two recordings are in one file (split them, or keep one "
+            advice=advice
+            or "Either the clock was set or restarted, or two recordings are in one file (split them, or keep one "
             "with `time_range`), a counter of the clock overflowed, or rows are out of order; if only the stamps are "
             "wrong, leave `time` out and give `rate_hz`.",
         )
