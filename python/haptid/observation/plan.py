@@ -282,7 +282,7 @@ class Plan:
                 v = model.speed(term, c, cd)
                 dropped = _slow(v, slow[row]) if slow[row] > 0 else np.zeros(len(v), dtype=bool)
                 if rest[row] > 0:
-                    dropped |= at_rest(v, rest[row], window)
+                    dropped |= rest_samples(v, rest[row], window)
                 dropped = np.concatenate([[0], np.cumsum(dropped)])
                 weights[row, dropped[after] > dropped[before]] = 0.0
         return weights
@@ -322,7 +322,7 @@ def _slow(v: Array, speed: float) -> np.ndarray:
     return slow
 
 
-def at_rest(v: Array, speed: float, window: int) -> np.ndarray:
+def rest_samples(v: Array, speed: float, window: int) -> np.ndarray:
     """Samples of a stretch of `window` samples in which the position moves less than at a mean speed.
 
     A reversal is left at once, a rest is not; noise of the velocity about zero has a small range of positions.

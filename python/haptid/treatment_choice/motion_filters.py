@@ -20,7 +20,7 @@ from haptid.motion.filters import KAISER_REACH
 from haptid.motion.motion import treat
 from haptid.motion.noise_torques import rows_of_noise
 from haptid.motion.treatment import Treatment
-from haptid.observation.plan import Plan, at_rest
+from haptid.observation.plan import Plan, rest_samples
 from haptid.treatment_choice.corners import corners_cut
 
 # Usual cut-off of the parallel filter over the motion's bandwidth.
@@ -326,7 +326,7 @@ class MotionFilters:
             f"{of}.",
         )
 
-    def at_rest(self, reference: Treatment) -> tuple[str, ...]:
+    def rest_samples(self, reference: Treatment) -> tuple[str, ...]:
         """Report of the rows at rest, which are left out of all errors, where there are any worth mentioning."""
         if not np.any(reference.rest_speed):
             return ()
@@ -344,7 +344,7 @@ class MotionFilters:
 
 def _slow_samples(v: Array, window: int) -> Array:
     """How many samples of a log's velocity are slow beside the others, and how many there are, (2,); none at rest."""
-    rest = at_rest(v, SLOW * float(np.sqrt(np.mean(v**2))), window)
+    rest = rest_samples(v, SLOW * float(np.sqrt(np.mean(v**2))), window)
     square = v[~rest] ** 2
     return np.array([np.count_nonzero(square < SLOW**2 * square.mean()) if len(square) else 0, len(square)], float)
 
