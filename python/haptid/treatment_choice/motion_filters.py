@@ -326,7 +326,7 @@ class MotionFilters:
             f"{of}.",
         )
 
-    def rest_samples(self, reference: Treatment) -> tuple[str, ...]:
+    def at_rest(self, reference: Treatment) -> tuple[str, ...]:
         """Report of the rows at rest, which are left out of all errors, where there are any worth mentioning."""
         if not np.any(reference.rest_speed):
             return ()
