@@ -13,6 +13,7 @@ from rich.console import Console
 from test_partial_estimate import write
 
 import haptid
+from haptid.estimation.methods.anchored import reference_torque
 from haptid.export import export_latex
 from haptid.inference.elimination import eliminate
 from haptid.report import ReportSource
@@ -21,6 +22,7 @@ from haptid.report.tables import show_identification
 from haptid.results.result import Result
 from haptid.study.identify import Identification, identify
 from haptid.study.read import read_study
+from haptid.validation.model_for_use import model_for_use
 from motions import motion, multisine, truth
 
 UNKNOWN = {"FV2", "FC2", "OFF2"}
@@ -79,6 +81,18 @@ def test_a_spring_that_moves_little_and_is_known_well_keeps_its_figure(
     assert spring.cells.value[0].isdigit()
     low, _, high = spring.cells.interval.partition(" .. ")
     assert float(low) < beta[-1] < float(high)
+    use = model_for_use(made)
+    assert use.open == ()
+    assert float(low) < use.beta[-1] < float(high)  # a weak prior at the poses of a full turn made a tenth of it
+
+
+def test_the_reference_motion_keeps_a_slide_within_its_limits(tmp_path: Path) -> None:
+    """It took it through 3 m both ways; here 20 mm, whose root mean square is a uniform draw's."""
+    made = on_a_spring(tmp_path, STAGE, (0.5, 2.0, 100.0), 0.01)
+    (motor,) = made.observation.motors
+    newton = motor.norm / np.sqrt(motor.rows.sum())
+    column = np.linalg.norm(reference_torque(made.observation)[:, made.names.index("K1")])
+    assert column * newton == pytest.approx(0.02 / np.sqrt(3), rel=0.15)  # of 200 draws
 
 
 def test_a_bounded_interval_is_printed_even_of_what_is_not_excited(found: Identification) -> None:

@@ -201,7 +201,7 @@ def _open(fitted: Estimate) -> tuple[str, ...]:
     if not fitted.fit.unit_residual:
         return ()
     A = reference_torque(fitted.observation)
-    return open_parameters(fitted.observation, A, fitted.covariance, fitted.classical_covariance)
+    return open_parameters(fitted.observation, A, fitted.covariance, fitted.classical_covariance, beta=fitted.free)
 
 
 def _left_open(left: Sequence[str], fitted: Estimate, advice: str) -> str:

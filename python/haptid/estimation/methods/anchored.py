@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid.device import Closure, Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.estimation.least_squares import Knowledge, Solution, unexcited
@@ -22,6 +23,8 @@ from haptid.observation.r_factor import r_factor
 
 # States of the reference motion, and their seed.
 _STATES, _SEED = 200, 0
+# Relative standard error below which a parameter is known, whatever its torque in the reference motion.
+_KNOWN = 0.1
 # Samples of a motion from which its speed is taken.
 _SAMPLES = 1 << 16
 
@@ -94,7 +97,7 @@ def reference_torque(observation: Observation) -> Array:
 def _reference_torque(observation: Observation) -> Array:
     """The same, computed."""
     model, rng = observation.model, np.random.default_rng(_SEED)
-    c = model.device.row_map @ model.device.closure.draw(rng, _STATES)
+    c = model.device.row_map @ _poses(model.device, rng)
     speed, acceleration = _scales(model, observation.motions)
     cd, cdd = speed[:, None] * rng.standard_normal(c.shape), acceleration[:, None] * rng.standard_normal(c.shape)
     columns, selection = model.needed
@@ -105,22 +108,45 @@ def _reference_torque(observation: Observation) -> Array:
     return np.asarray(r_factor(np.column_stack([W, np.zeros(len(W))]))[:-1, :-1])
 
 
-def open_parameters(observation: Observation, A: Array, *covariances: Array) -> tuple[str, ...]:
+def _poses(device: Device, rng: np.random.Generator) -> Array:
+    """Random poses of the active joints, (active, states): prismatic ones, which have no full turn, within limits."""
+    qa = device.closure.draw(rng, _STATES)
+    if isinstance(device.closure, Closure):  # the others draw within limits, and their loops close at these poses alone
+        for own, k in zip(qa, device.active, strict=True):
+            joint = device.joints[k]
+            if joint.prismatic and joint.position_limits is not None:
+                own[:] = np.interp(own, (-np.pi, np.pi), joint.position_limits)
+    return qa
+
+
+def open_parameters(
+    observation: Observation, A: Array, *covariances: Array, beta: Array | None = None
+) -> tuple[str, ...]:
     """Base parameters that the log leaves open, those with the most torque first.
 
     There are some where torque of the reference motion has, in a direction, a variance above that of the weak prior:
-    the prior is more informative than the log. Of the parameters those are named whose own does.
+    the prior is more informative than the log. Of the parameters those are named whose own does. There are none where
+    that is the torque of parameters alone that are known well, such as a spring's that moves by a milliradian: the
+    reference motion takes it through a full turn, and a prior from there would contradict the log.
 
     Args:
         A: of `reference_torque`, (p, p).
         covariances: of the base parameters, (p, p) each; the largest variance counts.
+        beta: base parameters, (p,), SI; None where none counts as known.
     """
-    if all(np.linalg.eigvalsh(A @ covariance @ A.T)[-1] <= 1 for covariance in covariances):
+    variance = np.max([np.diag(covariance) for covariance in covariances], axis=0)
+    known = np.zeros(len(A), dtype=bool) if beta is None else np.sqrt(variance) < _KNOWN * np.abs(beta)
+    if not all(_is_open(B, covariances) for B in (A, np.where(known, 0.0, A))):
         return ()
-    own = np.max([np.diag(covariance) for covariance in covariances], axis=0) * (A**2).sum(axis=0)
+    own = variance * (A**2).sum(axis=0)
     order = np.argsort(-own)
     names = [observation.base.names[k] for k in order if own[k] > 1]
     return tuple(names or [observation.base.names[order[0]]])
+
+
+def _is_open(A: Array, covariances: Sequence[Array]) -> bool:
+    """Whether a direction's torque has a variance above that of the weak prior."""
+    return any(np.linalg.eigvalsh(A @ covariance @ A.T)[-1] > 1 for covariance in covariances)
 
 
 def _scales(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Array]:
