@@ -189,3 +189,89 @@ def test_files_of_a_pattern_are_named_from_the_folder_above_its_star() -> None:
 )
 def test_pictures_of_a_pattern_have_no_star_in_their_names(log: str, stem: str) -> None:
     assert _file_stem(log) == stem
+
+
+ELBOW = small_study.DEVICE.replace('name = "1"', 'name = "shoulder"').replace('name = "2"', 'name = "elbow"')
+JOINTS = [("shoulder",), ("elbow",)]
+
+
+@pytest.mark.parametrize("ends", [("shoulder", "elbow"), ("2", "1")])
+def test_files_of_one_joint_and_quantity_each_are_one_log(tmp_path: Path, ends: tuple[str, str]) -> None:
+    """They were drafted as a run of each joint."""
+    folder = tmp_path / "log"
+    files = [
+        write(folder, f"{end}_{quantity}.csv", array[:, k])
+        for k, end in enumerate(ends)
+        for quantity, array in (("position", Q), ("torque", TAU))
+    ]
+    assert recordings([folder], JOINTS) == []
+    assert recordings([folder], [("a",), ("b",)], JOINTS) == []  # names of drives
+    assert recordings(files, JOINTS) == [folder]
+    assert len(recordings([folder])) == (2 if "1" in ends else 0)
+    (tmp_path / "device.toml").write_text(ELBOW)
+    found = haptid.read_device(tmp_path / "device.toml")
+    for given in ([folder], files):
+        draft = tomllib.loads(draft_study(given, found, "device.toml", tmp_path)[0])
+        assert [log["path"] for log in draft["logs"]] == ["log"]
+        if "1" not in ends:
+            assert draft["channels"]["position"]["channels"] == ["shoulder_position", "elbow_position"]
+
+
+def test_runs_called_by_words_are_runs_of_a_device_with_other_joints(tmp_path: Path) -> None:
+    for run in ("slow", "fast"):
+        for quantity, array in (("q", Q), ("tau", TAU)):
+            write(tmp_path, f"{run}_{quantity}.csv", array)
+    assert names(recordings([tmp_path], JOINTS), tmp_path) == ["fast_*.csv", "slow_*.csv"]
+    assert recordings([tmp_path]) == []
+
+
+@pytest.mark.parametrize(("run", "other"), [("run1", "run1_cold"), ("run", "run_2")])
+def test_a_pattern_that_stands_for_another_run_too_is_refused(tmp_path: Path, run: str, other: str) -> None:
+    """Runs whose names begin alike were one log."""
+    made = {"q": Q, "tau": TAU, "time": T}
+    files = [write(tmp_path, f"{run}_{name}.csv", array) for name, array in made.items()]
+    assert recordings(files, JOINTS) == [tmp_path]
+    for name, array in made.items():
+        write(tmp_path, f"{other}_{name}.csv", array)
+    said = "stands for files of two recordings, as run.*_q.csv and run.*_q.csv"
+    with pytest.raises(errors.LogFileError, match=said):
+        survey(tmp_path / f"{run}_*.csv")
+    with pytest.raises(errors.LogFileError, match=said):
+        recordings([tmp_path], JOINTS)
+    with pytest.raises(errors.LogFileError, match=said):
+        recordings(files, JOINTS)
+    assert len(survey(tmp_path / f"{other}_*.csv").topics[0].channels) == 5
+
+
+def test_files_beside_others_that_their_pattern_would_take_need_a_folder(tmp_path: Path) -> None:
+    files = [write(tmp_path, f"run1_{name}.csv", array) for name, array in (("q", Q), ("tau", TAU))]
+    write(tmp_path, "run1_notes.csv", T)
+    with pytest.raises(errors.LogFileError, match=r"cannot be one log by a path with `\*`.*folder of their own"):
+        recordings(files)
+
+
+def test_words_of_quantities_beside_each_other_are_of_one_recording(tmp_path: Path) -> None:
+    for name, array in {"q": Q, "tau": TAU, "joint_q": Q, "des_q": Q, "des_tau": TAU, "sensor_tau": TAU}.items():
+        write(tmp_path, f"run1_{name}.csv", array)
+    assert len(survey(tmp_path / "run1_*.csv").topics[0].channels) == 12
+
+
+def test_a_pattern_of_complete_runs_stands_for_several_logs(tmp_path: Path) -> None:
+    """The first one was used alone."""
+    for k in (1, 2):
+        write(tmp_path, f"run_{k}.csv", np.c_[T, Q, k * TAU], "t,q1,q2,tau1,tau2")
+    write(tmp_path, "other.csv", T)
+    draft = tomllib.loads(draft_study([tmp_path / "run_*.csv"], device(tmp_path), "device.toml", tmp_path)[0])
+    assert [log["path"] for log in draft["logs"]] == ["run_1.csv", "run_2.csv"]
+    shown = CliRunner().invoke(app, ["channels", str(tmp_path / "run_*.csv")])
+    assert shown.exit_code == 2
+    assert "stands for files of one quantity each" in " ".join(shown.output.split())
+
+
+def test_a_pattern_of_a_file_for_each_joint_is_one_log(tmp_path: Path) -> None:
+    for k, joint in enumerate(("shoulder", "elbow")):
+        write(tmp_path, f"run_{joint}.csv", np.c_[T, Q[:, k], TAU[:, k]], "t,q,tau")
+    (tmp_path / "device.toml").write_text(ELBOW)
+    found = haptid.read_device(tmp_path / "device.toml")
+    draft = tomllib.loads(draft_study([tmp_path / "run_*.csv"], found, "device.toml", tmp_path)[0])
+    assert [log["path"] for log in draft["logs"]] == ["run_*.csv"]

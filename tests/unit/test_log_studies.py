@@ -276,15 +276,17 @@ def test_parts_of_a_recording_in_several_files_are_named(tmp_path: Path) -> None
     small_study.write_study(tmp_path)
     log = small_study.columns(1)
     torques = {key for key in log if key.startswith("tau")}
-    for name, keys in (("q", log.keys() - torques), ("tau", torques)):
+    for name, keys in (("first", log.keys() - torques), ("second", torques)):
         own = {key: log[key] for key in sorted(keys)}
         header, data = ",".join(own), np.column_stack([*own.values()])
         np.savetxt(tmp_path / f"{name}.csv", data, delimiter=",", header=header, comments="")
     device = tmp_path / tomllib.loads(small_study.STUDY)["device"]
-    _, found = draft_study([tmp_path / "q.csv", tmp_path / "tau.csv"], read_device(device), str(device), tmp_path)
+    _, found = draft_study(
+        [tmp_path / "first.csv", tmp_path / "second.csv"], read_device(device), str(device), tmp_path
+    )
     assert found.lacking == ("torque",)
-    assert any(note.startswith("tau.csv has torques, which q.csv lacks") for note in found.notes)
-    _, found = draft_study([tmp_path / "q.csv"], read_device(device), str(device), tmp_path)
+    assert any(note.startswith("second.csv has torques, which first.csv lacks") for note in found.notes)
+    _, found = draft_study([tmp_path / "first.csv"], read_device(device), str(device), tmp_path)
     assert not any("lacks" in note for note in found.notes)
 
 

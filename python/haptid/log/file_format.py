@@ -233,7 +233,9 @@ def _no_log(folder: Path) -> LogFileError:
 
 
 def _check_matched(pattern: Path) -> None:
-    """Refuse a path with one `*` that stands for no file, or for more than one log has."""
+    """Refuse a path with one `*` that stands for no file, for more than one log has, or for those of two recordings."""
+    from haptid.log.survey.parts import check_alone  # which knows the formats
+
     found = len(matched_files(pattern))
     if not found:
         raise LogFileError(
@@ -249,6 +251,7 @@ def _check_matched(pattern: Path) -> None:
             limit=MOST_TABLES,
             advice="Name fewer, by more of their names before or after `*`.",
         )
+    check_alone(pattern)
 
 
 def _inaccessible(path: Path, why: str) -> LogFileError:

@@ -14,7 +14,7 @@ from haptid._internal.toml_text import basic_string
 from haptid.device import Device
 from haptid.errors import HaptidError, LogFileError
 from haptid.log.file_format import FOLDER_OF_TABLES, format_of, logs_in
-from haptid.log.formats.folders import log_files, table_files
+from haptid.log.formats.folders import is_pattern, log_files, table_files
 from haptid.log.survey import Survey, survey
 from haptid.log.survey.draft import unrecognised
 from haptid.log.survey.parts import parts_in_words, recordings
@@ -33,7 +33,7 @@ def draft_study(
     Args:
         logs: paths; the second one and later ones validate. One folder of runs, each a file with all channels, a
             folder, or files of one quantity each, stands for its runs: of two the second one validates, of more each
-            is held out in turn. So do files of one quantity each.
+            is held out in turn. So do files of one quantity each, and a path with one `*` of files with all channels.
         device: whose active joints the channels are for, by name or alias.
         device_path: as the study names it: a path, or the name of a shipped device.
         folder: where the study will be; paths are relative to it.
@@ -50,7 +50,7 @@ def draft_study(
     names, driven_names = ([tuple(filter(None, g)) for g in groups] for groups in (joints.values(), motors))
     units = {motor.command_unit for motor in device.motors}
     straight = [device.joints[k].prismatic for k in device.active]
-    given, apart = logs, recordings([Path(log) for log in logs])
+    given, apart = logs, recordings([Path(log) for log in logs], names, driven_names)
     logs = apart or _runs(logs, len(names))
     surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
     if apart:
@@ -89,13 +89,17 @@ def draft_study(
 
 
 def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
-    """The runs of one folder that holds several: tables of equal columns with all joints, or folders; else the logs."""
+    """The runs of one folder, or path with one `*`, that holds several: tables of equal columns with all joints, or
+    folders; else the logs."""
     folder = Path(logs[0])
-    if len(logs) > 1 or not folder.is_dir():
+    if len(logs) > 1 or not (folder.is_dir() or is_pattern(folder)):
         return logs
     if not log_files(folder):
-        return logs_in(folder) or logs
-    tables = table_files(folder) if format_of(folder).name == FOLDER_OF_TABLES else []
+        return logs if is_pattern(folder) else logs_in(folder) or logs
+    if is_pattern(folder):
+        tables = log_files(folder)
+    else:
+        tables = table_files(folder) if format_of(folder).name == FOLDER_OF_TABLES else []
     try:
         columns = {tuple(format_of(file).names(file)) for file in tables}
         first = survey(tables[0]) if len(columns) == 1 else None

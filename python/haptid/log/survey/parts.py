@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from haptid.errors import HaptidError
-from haptid.log.formats.folders import log_files, natural, table_files
+from haptid.errors import HaptidError, LogFileError
+from haptid.log.formats.folders import is_pattern, log_files, matched_files, natural, root_of, table_files
 from haptid.log.survey.families import MEASURED_WORDS, TREATED_WORDS, WANTED_WORDS
+from haptid.log.survey.joint_names import owners
 from haptid.log.survey.names import NEITHER, is_time, quantity_of
 from haptid.log.survey.read import survey
 
@@ -24,22 +25,68 @@ _LOOKED_AT = 8
 _SHOWN = 4
 
 
-def recordings(paths: Sequence[Path]) -> list[Path]:
+def recordings(
+    paths: Sequence[Path],
+    joints: Sequence[tuple[str, ...]] | None = None,
+    drives: Sequence[tuple[str, ...]] = (),
+) -> list[Path]:
     """The recordings that files of one quantity each are parts of, each as a path with one `*`, or as their folder.
 
     Args:
         paths: of all of the files, or of one folder of them or of folders of them.
+        joints: name of each joint, and its alias where it has one; None where no device is known. Files whose names
+            differ by these, `elbow_*.csv` and `shoulder_*.csv`, are of one recording.
+        drives: the same of the motors.
 
     Returns:
         Nothing where a file has positions and torques, where the names and contents of files do not tell that they
         belong together, or where a folder of one recording is given: it is a log itself.
+
+    Raises:
+        LogFileError: a path with one `*` would stand for other files too, or is given and stands for files of which
+            each has positions and torques, without a device that tells whether these are of all joints.
     """
+    if joints is None and len(paths) == 1 and is_pattern(paths[0]):
+        _check_apart(paths[0])
     folder = paths[0] if len(paths) == 1 and paths[0].is_dir() else None
     files = list(paths) if folder is None else _tables_in(folder)
     if len(files) < 2 or not all(file.is_file() for file in files):
         return []
     found = _by_names(files, folder is not None) or ([] if folder else _by_contents(files))
-    return [] if folder is not None and len(found) == 1 and table_files(folder) else found
+    itself = folder is not None and bool(table_files(folder))
+    if len(found) > 1 and (itself or folder is None) and _are_joints(found, joints, drives):
+        common = "" if itself or joints is None else _common(files)
+        return [_folder_of(Path(common))] if common and _is_of(common, files) else []
+    for pattern in found:
+        check_alone(pattern)
+    return [_folder_of(pattern) for pattern in found] if not itself or len(found) > 1 else []
+
+
+def check_alone(pattern: Path) -> None:
+    """Refuse a path with one `*` that stands for the files of two recordings: `run1_*.csv` beside `run1_cold_q.csv`.
+
+    Raises:
+        LogFileError: in place of the `*`, files have what others have, and words beside it that are no quantity's.
+    """
+    files = dict(matched_files(pattern)) if is_pattern(pattern) else {}
+    more: dict[tuple[bool, str], list[tuple[str, str]]] = {}
+    for name in files:
+        for cut in _BOUNDARY.finditer(name):
+            for leads, own, word in (
+                (True, name[cut.end() :], name[: cut.start()]),
+                (False, name[: cut.start()], name[cut.end() :]),
+            ):
+                if own in files and not all(_tells(part) for part in _WORD.findall(word)):
+                    more.setdefault((leads, word), []).append((own, name))
+    for (leads, word), pairs in more.items():
+        # One file more may be a signal more, `tau_sensor` beside `tau`; a number before it is of a recording.
+        if len(pairs) > 1 or (leads and any(letter.isdecimal() for letter in word)):
+            own, other = (files[name].relative_to(root_of(pattern)).as_posix() for name in pairs[0])
+            raise LogFileError(
+                f"{pattern} stands for files of two recordings, as {own} and {other}.",
+                where=pattern,
+                advice="Put the files of each recording into a folder of its own, and name that as the log.",
+            )
 
 
 def parts_in_words(found: Sequence[Path]) -> str:
@@ -75,7 +122,8 @@ def _by_names(files: Sequence[Path], others: bool) -> list[Path]:
             groups.setdefault(pattern, {})[file] = quantity
     whole = {pattern: own for pattern, own in groups.items() if set(own.values()) >= _WHOLE}
     told = {file for own in whole.values() for file in own}
-    if not whole or (not others and told != set(files)):
+    by_words = bool(whole) and (others or told == set(files))
+    if not by_words:
         whole = {}
         quantities = {file: quantity for file in files for _, quantity in _patterns(file)[:1]}
         if not others and len(quantities) == len(files) and set(quantities.values()) >= _WHOLE:
@@ -83,9 +131,19 @@ def _by_names(files: Sequence[Path], others: bool) -> list[Path]:
             whole = {pattern: quantities} if pattern else {}
     if any(_has_all(next(file for file, q in own.items() if q == "position")) for own in whole.values()):
         return []
-    if not (others or all(_is_of(pattern, files, of_quantities=True) for pattern in whole)):
-        return []
-    return [_folder_of(Path(pattern)) for pattern in sorted(whole, key=natural)]
+    for pattern in () if others else whole:
+        if not _is_of(pattern, files, of_quantities=True):
+            if not by_words:
+                return []
+            check_alone(Path(pattern))
+            extra = min(set(log_files(Path(pattern))) - set(files))
+            raise LogFileError(
+                f"{', '.join(file.name for file in whole[pattern])} cannot be one log by a path with `*`: {pattern} "
+                f"stands for {extra.name} too.",
+                where=pattern,
+                advice="Put them into a folder of their own, and name that as the log.",
+            )
+    return [Path(pattern) for pattern in sorted(whole, key=natural)]
 
 
 def _by_contents(files: Sequence[Path]) -> list[Path]:
@@ -99,7 +157,7 @@ def _by_contents(files: Sequence[Path]) -> list[Path]:
     once = all(sum(quantity in own for own in found) == 1 for quantity in _WHOLE)
     pattern = _common(files)
     apart = once and not any(own >= _WHOLE for own in found)
-    return [_folder_of(Path(pattern))] if apart and pattern and _is_of(pattern, files) else []
+    return [Path(pattern)] if apart and pattern and _is_of(pattern, files) else []
 
 
 def _is_of(pattern: str, files: Sequence[Path], of_quantities: bool = False) -> bool:
@@ -117,7 +175,7 @@ def _patterns(file: Path) -> list[tuple[str, str]]:
             break
         name = Path(parts[0]).stem if level == 1 else parts[0]
         words = list(_WORD.finditer(name))
-        told = [bool(_kind(word[0])) or word[0].lower() in _BESIDE for word in words]
+        told = [_tells(word[0]) for word in words]
         runs = [k for k, (before, now) in enumerate(pairwise([False, *told])) if now and not before]
         for first in runs:
             last = next((k for k in range(first, len(told)) if not told[k]), len(told)) - 1
@@ -139,6 +197,39 @@ def _kind(word: str) -> str:
     return quantity if quantity != "other" else "other" if word.lower() in NEITHER else ""
 
 
+def _tells(word: str) -> bool:
+    """Whether a word is that of a quantity, or tells which one of its kind."""
+    return bool(_kind(word)) or word.lower() in _BESIDE
+
+
+def _are_joints(
+    patterns: Sequence[Path], joints: Sequence[tuple[str, ...]] | None, drives: Sequence[tuple[str, ...]]
+) -> bool:
+    """Whether paths are each of other joints and not of other runs.
+
+    By the joints' names, or by as many positions in all as there are joints; without a device where they differ by
+    words without numbers, since runs have numbers or dates.
+    """
+    texts = [pattern.as_posix() for pattern in patterns]
+    if joints is None:
+        start = len(_prefix(texts))
+        end = len(_prefix([text[start:][::-1] for text in texts]))
+        return not any(letter.isdecimal() for text in texts for letter in text[start : len(text) - end])
+    names = [
+        f"{pattern.parent.name}_{pattern.name}" if "*" in pattern.parent.name else pattern.name for pattern in patterns
+    ]
+    if any(len(owners(names, known)) == len(names) for known in (joints, drives) if known):
+        return True
+    if len(joints) % len(patterns):
+        return False
+    try:
+        first = survey(patterns[0])
+    except HaptidError:
+        return False
+    positions = sum(channel.quantity == "position" for topic in first.topics for channel in topic.channels)
+    return positions * len(patterns) == len(joints)
+
+
 def _common(files: Sequence[Path]) -> str:
     """The path with `*` where those of files differ, in whole words; empty where it is more than one name."""
     texts = [file.as_posix() for file in files]
@@ -155,6 +246,19 @@ def _prefix(texts: Sequence[str]) -> str:
     """The characters that all texts begin with."""
     low, high = min(texts), max(texts)
     return low[: next((k for k, (a, b) in enumerate(zip(low, high, strict=False)) if a != b), len(low))]
+
+
+def _check_apart(pattern: Path) -> None:
+    """Refuse a path with one `*` that stands for files of which each has positions and torques by itself."""
+    files = log_files(pattern)[:_LOOKED_AT]
+    if len(files) > 1 and all(_has_all(file) for file in files):
+        raise LogFileError(
+            f"{pattern}: `*` stands for files of one quantity each; {files[0].name} and {files[1].name} have positions "
+            "and torques each.",
+            where=pattern,
+            advice="Name one of them; with --device DEVICE they are drafted as several logs, or as one where each is "
+            "of other joints.",
+        )
 
 
 def _has_all(file: Path) -> bool:
