@@ -12,6 +12,7 @@ import pytest
 
 import haptid
 import small_study
+from haptid import errors
 from haptid.log.file_format import format_of
 from haptid.log.formats.dates import nanoseconds
 from haptid.log.request import Request
@@ -22,6 +23,7 @@ T = 0.002 * np.arange(2000)
 Q = np.column_stack([np.sin(w * T) for w in (1.1, 2.3, 3.7)])
 TAU = np.column_stack([np.cos(w * T) for w in (1.7, 2.1, 3.1)])
 START = datetime(2026, 2, 28, 23, 59, 58)
+HEAD = "time,q1,q2,q3,tau1,tau2,tau3"
 
 
 def written(folder: Path, head: str, times: list[str] | None = None, separator: str = ",") -> Path:
@@ -52,6 +54,7 @@ def test_a_column_without_a_name_belongs_to_no_other(tmp_path: Path) -> None:
         (lambda now: now.strftime("%d.%m.%Y %H:%M:%S,%f"), ";"),
         (lambda now: now.strftime("%d/%m/%Y %H:%M:%S.%f"), ","),
         (lambda now: now.strftime("%m/%d/%Y %I:%M:%S.%f %p"), ","),
+        (lambda now: now.strftime("%m/%d/%Y %H:%M:%S.%f"), ","),
         (lambda now: now.strftime("%Y-%m-%d %H:%M:%S.%f"), ","),
         (lambda now: now.isoformat(timespec="microseconds") + "Z", ","),
         (lambda now: now.strftime("%H:%M:%S.%f"), ","),
@@ -77,6 +80,31 @@ def test_days_with_slashes_are_told_by_what_fits() -> None:
     assert nanoseconds("1/1/2026 12:30:00 PM") - nanoseconds("1/1/2026 12:30:00 AM") == day // 2
     with pytest.raises(ValueError, match="no date"):
         nanoseconds("12:30")
+
+
+@pytest.mark.parametrize("form", ["%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f"])
+@pytest.mark.parametrize("start", [datetime(2026, 3, 12, 23, 59, 58), datetime(2026, 2, 28, 23, 59, 58)])
+def test_the_order_of_day_and_month_is_that_of_the_column(tmp_path: Path, form: str, start: datetime) -> None:
+    """3/12 was the 3rd of December before 3/13, and 3/1 the 3rd of January behind 2/28."""
+    path = written(tmp_path, HEAD, [(start + timedelta(microseconds=2000 * k)).strftime(form) for k in range(T.size)])
+    read = format_of(path).columns(path, ["time"], Request())
+    np.testing.assert_allclose(read["time"], T, atol=1e-9)
+
+
+def test_dates_of_which_either_number_may_be_the_day(tmp_path: Path) -> None:
+    """Within a day it does not matter; over midnight a month would be lost or found."""
+
+    def times(start: datetime) -> list[str]:
+        return [(start + timedelta(microseconds=2000 * k)).strftime("%m/%d/%Y %H:%M:%S.%f") for k in range(T.size)]
+
+    path = written(tmp_path, HEAD, times(datetime(2026, 3, 4, 12)))
+    np.testing.assert_allclose(format_of(path).columns(path, ["time"], Request())["time"], T, atol=1e-9)
+    path = written(tmp_path, HEAD, times(datetime(2026, 3, 4, 23, 59, 58)))
+    with pytest.raises(errors.LogFileError, match="of the 2 dates in time, as 3/4/2026 and 3/5/2026, the day or the"):
+        format_of(path).columns(path, ["time"], Request())
+    path = written(tmp_path, HEAD, [*times(datetime(2026, 3, 14))[:-1], "14/03/2026 00:00:04"])
+    with pytest.raises(errors.LogFileError, match="some have the day first and others the month"):
+        format_of(path).columns(path, ["time"], Request())
 
 
 def test_torques_of_each_joint_in_a_quantity_of_its_own(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
-from haptid.log.formats.dates import DATE, nanoseconds
+from haptid.log.formats.dates import DATE, DayOrder, nanoseconds
 from haptid.log.formats.dialect import KIND, MISSING, Dialect, cells_of, dialect_of
 from haptid.log.formats.encoding import opened_text, opened_utf8, text_of
 from haptid.log.formats.headers import NUMBER
@@ -95,12 +95,12 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
         )
     include = [str(k) for k in indices.values()]
     try:
-        row = _fill(out, _batches(path, dialect, include, stop), dated)
+        row = _fill(path, out, lambda: _batches(path, dialect, include, stop), dated)
     except ValueError as error:  # pyarrow's own are of this class too
         again = _again(path, dialect, stop)
         fault = error
         try:
-            row = _fill(out, _batches(path, dialect, include, stop, again), dated) if again else -1
+            row = _fill(path, out, lambda: _batches(path, dialect, include, stop, again), dated) if again else -1
         except ValueError as other:
             row, fault = -1, other
         if row < 0:
@@ -111,13 +111,25 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
     return {name: column[:row] for name, column in out.items()}
 
 
-def _fill(out: dict[str, Array], batches: Iterator[list[Array]], dated: Sequence[str]) -> int:
+def _fill(path: Path, out: dict[str, Array], batches: Callable[[], Iterator[list[Array]]], dated: Sequence[str]) -> int:
     """Put the rows into the columns, dates as seconds; how many rows there are.
 
+    Where late dates tell that the month is first, the rows are read once more.
+
     Raises:
+        LogFileError: whether the day or the month is first is not known, and matters.
         ValueError: a line has more or fewer cells than the header, or a cell is no number or date.
     """
-    row, clocks = 0, {name: _Clock() for name in dated}
+    orders = {name: DayOrder() for name in dated}
+    row = _filled(out, batches(), orders)
+    settled = [order.settled(path, name) for name, order in orders.items()]
+    if all(settled):
+        return row
+    return _filled(out, batches(), {name: DayOrder(order.month_first) for name, order in orders.items()})
+
+
+def _filled(out: dict[str, Array], batches: Iterator[list[Array]], orders: Mapping[str, DayOrder]) -> int:
+    row, clocks = 0, {name: _Clock(order) for name, order in orders.items()}
     for batch in batches:
         for (name, column), part in zip(out.items(), batch, strict=True):
             column[row : row + len(part)] = clocks[name].seconds(part) if name in clocks else part
@@ -138,7 +150,8 @@ def _again(path: Path, dialect: Dialect, stop: int) -> frozenset[bytes]:
 class _Clock:
     """Seconds since the first of a column's dates; times of day run on past midnight."""
 
-    def __init__(self) -> None:
+    def __init__(self, order: DayOrder) -> None:
+        self.order = order
         self.first: int | None = None
         self.last = 0
 
@@ -152,7 +165,7 @@ class _Clock:
         for k, cell in enumerate(cells):
             if cell is None or cell in MISSING:
                 continue
-            now = nanoseconds(cell.strip())
+            now = nanoseconds(cell.strip(), self.order)
             while now < self.last - _DAY // 2 and now < _DAY * 10_000:  # no date
                 now += _DAY
             self.first = now if self.first is None else self.first
