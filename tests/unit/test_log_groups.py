@@ -173,3 +173,23 @@ def test_whole_times_are_subtracted_without_rounding(tmp_path: Path) -> None:
     signals = haptid.Signal(("enc.q1", "enc.q2"), "rad"), haptid.Signal(("drv.tau1", "drv.tau2"), "N m")
     log = haptid.read_log(tmp_path / "run.h5", haptid.Channels(*signals, time="enc.time_ns", time_unit="ns"))
     np.testing.assert_allclose(log.torque, torques_at(log.t + T[1]), atol=1e-4)
+
+
+def test_an_attribute_of_records_is_no_unit_of_their_fields(tmp_path: Path) -> None:
+    """`deg` of a data set with times, positions and torques made its torques positions."""
+    records = np.zeros(T.size, [("t", "f8"), ("q", "f8", (2,)), ("tau", "f8", (2,))])
+    for name, values in (("t", T), ("q", Q), ("tau", TAU)):
+        records[name] = values
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file.create_dataset("rec", data=records).attrs["unit"] = "deg"
+    quantities = {c.name: c.quantity for c in survey(tmp_path / "run.h5").topics[0].channels}
+    assert quantities["rec.tau[1]"] == "torque"
+    assert quantities["rec.t"] == "time"
+    table = tomllib.loads(survey(tmp_path / "run.h5").table)["channels"]
+    assert (table["position"]["unit"], table["torque"]["field"]) == ("rad", "rec.tau")
+
+
+def test_the_rate_of_a_survey_is_that_of_the_positions(tmp_path: Path) -> None:
+    """`drv` stands before `enc`, and its 333 Hz stood beside the rows of the positions."""
+    slow = 0.003 * np.arange(1333)
+    assert survey(two_groups(tmp_path / "run.h5", slow, torques_at(slow))).topics[0].rate_hz == pytest.approx(500.0)

@@ -148,7 +148,7 @@ def _datasets(file: h5py.File, numbered: bool = False) -> dict[str, Any]:
 
 
 class _Field:
-    """A field of a dataset of records, as a dataset of its own.
+    """A field of a dataset of records, as a dataset of its own; attributes, which are of all fields, are left out.
 
     Attributes:
         shape: of the records, then of the field.
@@ -159,7 +159,7 @@ class _Field:
         self.records, self.name = records, name
         self.dtype, self.shape = inner.base, (*records.shape, *inner.shape)
         self.size = int(np.prod(self.shape))
-        self.attrs, self.external, self.is_virtual = records.attrs, records.external, records.is_virtual
+        self.attrs, self.external, self.is_virtual = {}, records.external, records.is_virtual
 
     def __getitem__(self, at: Address) -> Any:
         depth = len(self.records.shape)

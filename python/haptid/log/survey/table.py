@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -15,7 +15,7 @@ from haptid.errors import LogFileError
 from haptid.log.by_content import Content, period_of
 from haptid.log.checks import wrap_period
 from haptid.log.file_format import LEROBOT, Format
-from haptid.log.formats.sniff import RawChannel
+from haptid.log.formats.sniff import RawChannel, group_of
 from haptid.log.log import Signal
 from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
@@ -100,14 +100,28 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
 
         rate = lerobot.describe(path).fps
     else:
-        rate = _rate_of_positions(channels, count, rate, path, kind, notes)
+        rate = _rate_of_positions(channels, count, rate, rate_of, path, kind, notes)
     return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels), by_rates_hz=by_rates)
 
 
 def _rate_of_positions(
-    channels: Sequence[ChannelSurvey], rows: int, rate: float, path: Path, kind: Format, notes: list[str]
+    channels: Sequence[ChannelSurvey],
+    rows: int,
+    rate: float,
+    rates: Mapping[str, float],
+    path: Path,
+    kind: Format,
+    notes: list[str],
 ) -> float:
-    """Rate of the rows that have positions, where others are those of other sources, Hz; else that of all rows."""
+    """Rate of the rows that have positions, where others are those of other sources, Hz; else that of all rows.
+
+    Args:
+        channels, path, kind: of the file.
+        rows: of the file.
+        rate: of the rows, as far as known, Hz.
+        rates: of each channel of times: those in the group of the positions come before the others.
+        notes: appended to.
+    """
     positions = [c for c in channels if c.quantity == "position" and c.usable]
     first = max(positions, key=lambda c: c.count, default=None)
     times = [c for c in channels if c.quantity == "time"]
@@ -115,7 +129,8 @@ def _rate_of_positions(
         times, key=lambda c: first is not None and c.count + c.missing == first.count + first.missing, default=None
     )
     if time is None or not any(c.usable and c.missing >= SPARSE * rows for c in channels):
-        return rate
+        own = [c.name for c in times if first is not None and group_of(c.name) == group_of(first.name)]
+        return next((rates[name] for name in own if rates.get(name)), rate)
     if first is None:
         notes.append("the rows are those of several sources, and none of them is known to have positions: no rate")
         return 0.0
