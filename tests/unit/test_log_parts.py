@@ -275,3 +275,22 @@ def test_a_pattern_of_a_file_for_each_joint_is_one_log(tmp_path: Path) -> None:
     found = haptid.read_device(tmp_path / "device.toml")
     draft = tomllib.loads(draft_study([tmp_path / "run_*.csv"], found, "device.toml", tmp_path)[0])
     assert [log["path"] for log in draft["logs"]] == ["run_*.csv"]
+
+
+def test_files_whose_times_differ_and_cannot_be_joined_are_refused(tmp_path: Path) -> None:
+    """They were taken row by row: of another epoch or unit, set back, or beside a file that has none."""
+    channels = haptid.Channels(
+        haptid.Signal(("q.j1", "q.j2"), "rad"), haptid.Signal(("tau.j1", "tau.j2"), "N m"), time="q.time"
+    )
+    write(tmp_path, "q.csv", np.c_[T, Q], "time,j1,j2")
+    back = np.r_[T[: T.size // 2], T[: T.size - T.size // 2]]
+    for own in (T + 1.7e9, 1e3 * T, back):
+        write(tmp_path, "tau.csv", np.c_[own, TAU], "time,j1,j2")
+        with pytest.raises(errors.LogFileError, match=r"times of files differ, q\.csv from 0 to .* tau\.csv from"):
+            haptid.read_log(tmp_path, channels)
+    write(tmp_path, "tau.csv", np.c_[T + 0.1, TAU], "time,j1,j2")
+    write(tmp_path, "heat.csv", TAU, "motor1,motor2")
+    with pytest.raises(errors.LogFileError, match=r"times of files differ"):
+        haptid.read_log(tmp_path, channels)
+    write(tmp_path, "tau.csv", np.c_[T, TAU], "time,j1,j2")
+    np.testing.assert_allclose(haptid.read_log(tmp_path, channels).torque, TAU, atol=1e-6)

@@ -3,8 +3,9 @@
 A file of one column is one channel, `q1`; those of others are `position.q1`, or `position[1]` without a header. A file
 of one column that has the samples of several joints in turn is `position[1]`, ... too. Files without headers that all
 begin with a column of times are joined by these: `time`, and `pos` or `pos[1]`, ... of `pos.txt`; so are files with
-headers that all have times, where these differ. A path with one `*`, `run1_*.csv`, stands for the files of one
-recording among others; what they have in its place are the names of their signals.
+headers that all have times, where these differ; what differs and cannot be joined is refused. A path with one `*`,
+`run1_*.csv`, stands for the files of one recording among others; what they have in its place are the names of their
+signals.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
 from haptid.log.formats.folders import DUMP, is_pattern, matched_files, table_files
 from haptid.log.formats.sniff import RawChannel, check_members
+from haptid.log.merging import SAME_TIMES
 from haptid.log.request import Request
+from haptid.log.stamps import FEWEST_SAMPLES
 
 # A file of fewer bytes may be a note, and is read to see whether it is a table.
 _SMALL = 2**16
@@ -30,7 +33,7 @@ _MOST_JOINTS, _IN_TURN = 64, 0.5
 # The channel of the times that files have in common; share of the usual span that those of a file cover; share of the
 # rows of each file that its times have in common with all others': where there are fewer, rows of one file alone are
 # kept, and their channels are merged by time; and share of a step by which equal times differ at most.
-_TIME, _COVERED, _COMMON, _SAME = "time", 0.5, 0.98, 1e-3
+_TIME, _COVERED, _COMMON, _SAME = "time", 0.5, 0.98, SAME_TIMES
 
 if TYPE_CHECKING:
     from haptid.log.file_format import Format
@@ -96,9 +99,58 @@ def columns(folder: Path, wanted: Sequence[str], request: Request) -> dict[str, 
         if others := [file.path.name for file in _tables(folder) if file.path not in used]:
             request.notes.append(f"without times of this recording, and left out: {', '.join(others)}")
     else:
+        _refuse_other_times(folder, [file for file in files if any(own in wanted for own in file.channels)])
         for file in files:
             found |= file.columns(wanted)
     return {name: found[name] for name in wanted if name in found}
+
+
+def _refuse_other_times(folder: Path, files: Sequence[_File]) -> None:
+    """Refuse files that would be taken row by row, and whose times say that their rows do not belong together.
+
+    Raises:
+        LogFileError: times of two of them differ, or the times of one do not grow.
+    """
+    timed: list[tuple[_File, Array]] = []
+    for file in files if len(files) > 1 else ():
+        if len(file.channels) < 2:
+            continue
+        if own := _time_of(file):
+            timed.append((file, file.columns([own])[own].astype(np.float64)))
+        elif "column[1]" in file.channels.values() and (first := _with_first_times(file)) and first.times is not None:
+            timed.append((file, first.times))
+    timed = [(file, t) for file, t in timed if t.size >= FEWEST_SAMPLES]  # no notes, as the time of the start
+    for other, t in timed[1:]:
+        own_times = timed[0][1]
+        if _same(t, own_times):
+            continue
+        ranges = " and ".join(
+            f"{named.path.relative_to(folder) if named.path.is_relative_to(folder) else named.path.name} from "
+            f"{times[0]:.9g} to {times[-1]:.9g} ({times.size} rows)"
+            for named, times in [timed[0], (other, t)]
+        )
+        lacking = [file.path.name for file in files if all(file is not named for named, _ in timed)]
+        raise LogFileError(
+            f"{folder}: times of files differ, {ranges}, and they cannot be joined by them: "
+            + (f"{', '.join(lacking)} has none." if lacking else "they fall, or have most of their spans apart."),
+            where=str(other.path),
+            found=(float(t[0]), float(t[-1])),
+            limit=(float(own_times[0]), float(own_times[-1])),
+            advice="Give all files times of one clock, in one unit; where rows belong together, remove the times from "
+            "all files but one; of several recordings, name one.",
+        )
+
+
+def _time_of(file: _File) -> str:
+    """Its channel that is called a time; empty where there is none. Ticks may be those of an encoder."""
+    from haptid.log.survey.names import is_time  # which knows the formats
+
+    return next((own for own, name in file.channels.items() if is_time(name) and not name.endswith("ticks")), "")
+
+
+def _same(t: Array, first: Array) -> bool:
+    """Whether two files have the same times, but for a small share of a step."""
+    return t.size == first.size and np.allclose(t, first, rtol=0.0, atol=_SAME * _step(first), equal_nan=True)
 
 
 def _files(folder: Path) -> list[_File]:
@@ -121,20 +173,18 @@ def _timed(files: Sequence[_File]) -> list[_File]:
     else rows belong together as they are. Of the others some are of another clock, and some are notes, as the time of
     the start.
     """
-    from haptid.log.survey.names import is_time  # which knows the formats
-
     tables = [file for file in files if len(file.channels) > 1]
     if len(tables) < 2:
         return []
     if all("column[1]" in file.channels.values() for file in tables):
         made = [timed for file in tables if (timed := _with_first_times(file)) is not None]
     else:
-        named = [next((own for own, name in file.channels.items() if is_time(name)), "") for file in tables]
+        named = [_time_of(file) for file in tables]
         if not all(named):
             return []
         made = [timed for file, own in zip(tables, named, strict=True) if (timed := _with_times(file, own)) is not None]
         first, *others = [file.times for file in made if file.times is not None] or [np.empty(0)]
-        if all(t.size == first.size and np.allclose(t, first, rtol=0.0, atol=_SAME * _step(first)) for t in others):
+        if all(_same(t, first) for t in others):
             return []
     ends = np.array([file.times[[0, -1]] for file in made if file.times is not None])
     if len(made) < 2:
@@ -146,7 +196,7 @@ def _timed(files: Sequence[_File]) -> list[_File]:
 
 
 def _step(t: Array) -> float:
-    return float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    return abs(float(np.median(np.diff(t)))) if t.size > 1 else 0.0
 
 
 def _with_first_times(file: _File) -> _File | None:
