@@ -193,3 +193,14 @@ def test_the_rate_of_a_survey_is_that_of_the_positions(tmp_path: Path) -> None:
     """`drv` stands before `enc`, and its 333 Hz stood beside the rows of the positions."""
     slow = 0.003 * np.arange(1333)
     assert survey(two_groups(tmp_path / "run.h5", slow, torques_at(slow))).topics[0].rate_hz == pytest.approx(500.0)
+
+
+def test_whole_seconds_and_their_fraction_are_times_of_a_group(tmp_path: Path) -> None:
+    """Of the group alone: the positions have one channel of times."""
+    late = T + 5e-4
+    with h5py.File(two_groups(tmp_path / "run.h5", np.floor(late).astype(int), torques_at(late), "sec"), "r+") as file:
+        file["drv/nsec"] = np.rint(late % 1 * 1e9).astype(int)
+        file["drv/ticks"] = np.rint(1e3 * Q[:, 0]).astype(int)  # of an encoder
+    log = read_groups(tmp_path / "run.h5")
+    assert log.t.size == T.size - 1
+    np.testing.assert_allclose(log.torque, torques_at(log.t + T[1]), atol=1e-4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -29,6 +30,10 @@ _KEPT = 0.5
 # Steps of a group above so many of the positions', and above this, s, are refused: between samples 0.1 s apart nothing
 # above 5 Hz is known, which robots move at.
 _SLOWER, _SLOW = 10.0, 0.1
+# Names of the fraction of whole seconds beside it.
+_FRACTION = re.compile(r"(?i:nano|micro|milli|[num]secs?$)[^.]*$")
+# Times beyond this are no nanoseconds in 64 bits, s.
+_LATEST = 9e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +153,7 @@ def _clocks(
     if not asked:
         return clock, {}
     names = kind.names(path)
-    every = [name for name in names if is_time(name) and name not in channels.sources[1:]]
+    every = [t for t in names if (is_time(t) or _FRACTION.search(t)) and t not in channels.sources[1:]]
     near = {name: _beside(name, time, every, names) for name in asked}
     read = kind.columns(path, list(dict.fromkeys(t for found in near.values() for t in found)))
     stated = kind.units(path)
@@ -183,11 +188,12 @@ def _best(fit: Mapping[str, RawChannel], time: str) -> str:
     for one, other in permutations(clear, 2) if not found else ():
         if unit := fraction_unit(fit[one], fit[other]):
             return sum_of(one, other, unit)
-    return next(iter([*found, *clear]), "")
+    return next(iter([*found, *(t for t in clear if not _FRACTION.search(t))]), "")
 
 
 def _grows(raw: RawChannel) -> bool:
-    return all_usable(raw) and bool((raw[1:] >= raw[:-1]).all()) and raw.size > 1 and bool((raw[1:] > raw[:-1]).any())
+    grown = raw[1:] > raw[:-1]
+    return all_usable(raw) and bool((raw[1:] >= raw[:-1]).all()) and int(grown.sum()) * stamps.COARSEST > raw.size
 
 
 def _unit(name: str, raw: RawChannel, stated: Mapping[str, str], positions: _Clock) -> str:
@@ -244,7 +250,7 @@ def _in_common(
     first, last = float(apart), float(apart) + float(theirs[-1])
     common = min(float(seconds[-1]), last) - max(0.0, first)
     which = f"the times of {channel_list(names, 8)}, {own.name!r} in {own.unit},"
-    if common <= 0 or common < max(_COVERED * float(seconds[-1]), _INSIDE * float(theirs[-1])):
+    if common <= 0 or last > _LATEST or common < max(_COVERED * float(seconds[-1]), _INSIDE * float(theirs[-1])):
         has = f"{common:.4g} s" if common > 0 else "no time"
         raise LogTimeError(
             f"{path}: {which} run from {first:.6g} to {last:.6g} s after the first of the positions, {time.name!r} in "
