@@ -159,7 +159,8 @@ class _Field:
         self.records, self.name = records, name
         self.dtype, self.shape = inner.base, (*records.shape, *inner.shape)
         self.size = int(np.prod(self.shape))
-        self.attrs, self.external, self.is_virtual = {}, records.external, records.is_virtual
+        self.attrs: dict[str, Any] = {}
+        self.external, self.is_virtual = records.external, records.is_virtual
 
     def __getitem__(self, at: Address) -> Any:
         depth = len(self.records.shape)

@@ -129,8 +129,8 @@ def _rate_of_positions(
         times, key=lambda c: first is not None and c.count + c.missing == first.count + first.missing, default=None
     )
     if time is None or not any(c.usable and c.missing >= SPARSE * rows for c in channels):
-        own = [c.name for c in times if first is not None and group_of(c.name) == group_of(first.name)]
-        return next((rates[name] for name in own if rates.get(name)), rate)
+        beside = [c.name for c in times if first is not None and group_of(c.name) == group_of(first.name)]
+        return next((rates[name] for name in beside if rates.get(name)), rate)
     if first is None:
         notes.append("the rows are those of several sources, and none of them is known to have positions: no rate")
         return 0.0
