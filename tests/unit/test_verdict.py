@@ -212,7 +212,7 @@ def test_the_verdict_has_the_whole_instruction_of_what_is_proven(kind, label, sa
     """It was cut at a colon, in a joint's name too, and of drift it had no instruction at all."""
     change = CHANGES[kind].format(where=label)
     action = Action(kind, (label,), change, "unseen error", 48.0, 2.0, 0.5, 0.9, True, (), 24)
-    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    parameters = [SimpleNamespace(name="P", relative_se=1.0, excited=True)]
     errors = Validation((MotorError("1", "motor 1", "N m", 0.3, 100.0, 10),), False)
     findings = [Finding("time delay", "bad", {"p": 1e-5}, "About it.")]
     fitted = estimate(parameters)
