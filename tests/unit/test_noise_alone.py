@@ -16,7 +16,7 @@ from diagnosed import log, phantom
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.targets import targets
 from haptid.log.noise_alone import noise_alone
-from haptid.log.spectrum import bulk_bandwidth, fastest, spectra
+from haptid.log.spectrum import Spectrum, bulk_bandwidth, fastest, spectra
 from haptid.motion.motion import with_positions
 from haptid.motion.noise_torques import rows_of_noise
 from haptid.results.result import Result
@@ -190,3 +190,14 @@ def test_a_motor_of_noise_decides_nothing_about_rows_near_reversals(tmp_path: Pa
     clean, noise = reasons
     assert noise.startswith(clean[:30])
     assert ", - % of the motors' rows are kept (-: its torque is noise alone)." in noise
+
+
+@pytest.mark.parametrize("noise", [3e-5, 0.0])
+def test_white_noise_of_a_position_is_found_above_the_motion_where_its_step_is_not_known(noise):
+    """Values of a fine encoder with noise seldom recur; a coarse one has the noise of rounding."""
+    step = 1e-9 if noise else 1e-3
+    t = 1e-3 * np.arange(20_000)
+    clean = np.sin(2 * np.pi * 0.7 * t) + noise * np.random.default_rng(3).standard_normal(len(t))
+    found = Spectrum.of(step * np.round(clean / step), 1e-3)
+    assert found.step == pytest.approx(0.0 if noise else step)
+    assert found.white(1e-3) == pytest.approx(noise**2 or step**2 / 12, rel=0.2)

@@ -63,6 +63,7 @@ class Spectrum:
         step: resolution of the encoder, rad or m; 0 where the values lie on no lattice.
         recorded: the same of the positions as they were recorded, where they were resampled since; 0 elsewhere.
         bandwidth: below it lies a share _SHARE of the velocity's power, Hz; 0 where nothing exceeds the noise.
+        upper: mean of the power density in the upper half of the frequencies, rad^2/Hz or m^2/Hz.
     """
 
     f: Array
@@ -71,6 +72,7 @@ class Spectrum:
     step: float
     bandwidth: float
     recorded: float = 0.0
+    upper: float = 0.0
 
     @staticmethod
     def of(channel: Array, dt: float, highest: float | None = None) -> Spectrum:
@@ -86,7 +88,8 @@ class Spectrum:
         # A line is removed first: the window of so few segments leaks a drift into its neighbours.
         f, power = welch(without_line(channel), dt, kaiser_window(length, _SHAPE), line=True)
         inner = slice(1, -1) if highest is None else (f > 0) & (f <= highest) & (f < f[-1])
-        return _apart(f[inner], power[inner], quantum(channel))
+        made = _apart(f[inner], power[inner], quantum(channel))
+        return replace(made, upper=float(power[inner][made.f >= 0.5 * made.f[-1]].mean()))
 
     @property
     def noise_rms(self) -> float:
@@ -99,16 +102,17 @@ class Spectrum:
         return float(np.sqrt(np.sum(self.motion) * (self.f[1] - self.f[0])))
 
     def white(self, dt: float) -> float:
-        """Variance of the white noise of a sample, rad^2 or m^2: of rounding, or what is found far above the motion.
+        """Variance of the white noise of a sample, rad^2 or m^2: of rounding, or of what is found far above the motion.
 
-        Positions of a fine encoder seldom recur, and then its step is not known.
+        Positions of a fine encoder seldom recur, and then its step is not known. `noise` is no estimate of it: it is
+        chosen to lie above most single bins.
 
         Args:
             dt: sampling period, s.
         """
         if self.step or self.recorded:
             return (self.step or self.recorded) ** 2 / 12
-        return float(np.median(self.noise[self.f > 0.5 * self.f[-1]])) / (2 * dt)
+        return self.upper / (2 * dt)
 
     def narrowed(self) -> Spectrum:
         """The same with only the bulk of the position's power as motion, and all above as noise.
