@@ -52,7 +52,7 @@ CAUSES = {
     ),
     # Its own bodies cannot exist, which is no reason to reverse all torques.
     "exchanged torques": ("torque swap", Case(90211024, "arm2", 250, 30, 1.722, 3, bits=15, level=0.0054)),
-    # Its friction is negative in the fit of a channel that is zero most of the time, which is no sign.
+    # Its friction is negative in the fit of a channel that is zero most of the time.
     "a dead torque": ("dead", Case(1129014, "arm2", 250, 20, 1.047, 3, bits=14, friction=0.1, noise="AR", level=0.02)),
     # The bodies make up for it, and seemed to be in another unit.
     "load friction": (

@@ -24,7 +24,7 @@ from haptid.advice.search import (
     unseen_percent,
 )
 from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
-from haptid.advice.sought import LARGE_ERROR, OF_NOTHING, ROUGH_ERROR, behind, sought
+from haptid.advice.sought import LARGE_ERROR, ROUGH_ERROR, behind, sought
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
@@ -46,8 +46,6 @@ _COUNTS = 5.0
 _MENDED = 0.5
 # Changes that say what a channel is, of which one is made at a time.
 _CHANNELS = (*OF_TORQUE_CHANNELS, "position sign", "position swap", "position unit")
-# Changes and faults of a torque channel beside which its unit is not judged.
-_OF_SIZE = ("gain", "torque sign", *OF_NOTHING)
 # Most actions of a combination.
 _MOST = 4
 
@@ -394,7 +392,7 @@ def _units(
     causes = confusions(diagnosis.estimate, factors)
     for k, label in enumerate(labels):
         factor = factors.get(label)
-        if factor is None or (0.5 < factor < 2.0) or {(kind, label) for kind in _OF_SIZE} & known:
+        if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
             continue
         base, best = (unseen_percent(search.model, search.bench, trial, k) for trial in trials)
         if best < _MENDED * base:  # the factor is of parameters that made up for what is mended

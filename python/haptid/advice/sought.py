@@ -27,8 +27,6 @@ from haptid.motion.motion import Motion
 ROUGH_ERROR, LARGE_ERROR = 20.0, 10.0
 # Share of the error that a shift of torques leaves at most where all else is tried behind it.
 _BEHIND = 0.5
-# Faults of a torque channel that shows nothing of its motor.
-OF_NOTHING = ("dead torque", "noise alone")
 # A factor that is -1 within this is a sign.
 _SIGN = 0.3
 
@@ -104,9 +102,7 @@ def sought(
     else:
         search = with_delays(search)
     made = in_order([(_named(one), stated(search, base, one.trial)) for one in proven(search, base)])
-    # What is negative of a motor whose channel shows nothing of it says nothing of its sign.
-    silent = {k for mask in masks if mask.candidate.kind in OF_NOTHING for k in mask.candidate.indices}
-    signs = reversed_motors(search, base, [one for one in negative if one.motor not in silent])
+    signs = reversed_motors(search, base, negative)
     made = without_complements(search, signs, made)
     made = of_possible_bodies(made, search.bench, inertias_below_zero(model, search.rows))
     if changed or masks:  # small gains may be those of the treatment, which was chosen with them
