@@ -7,6 +7,7 @@ import pytest
 
 import haptid
 from haptid.motion.motion import treat
+from haptid.treatment_choice import parallel_choice
 from haptid.treatment_choice.motion_filters import SLOW, USUAL, MotionFilters
 from motions import multisine, truth
 
@@ -115,3 +116,16 @@ def test_a_joint_sticks_only_where_its_torque_is_recorded(phantom):
     still = np.array([[0.0], [0.15], [0.0]])
     assert sticks(phantom, recorded(phantom, noise=0.05, still=still))
     assert not sticks(phantom, recorded(phantom, noise=0.05, still=still, dead=[1]))
+
+
+@pytest.mark.parametrize(("surely", "chosen"), [(1.0, 1), (2.0, 0)])
+def test_unseen_rows_are_better_by_so_many_standard_deviations(monkeypatch, phantom, surely, chosen):
+    """Of 17 parts a gain whose sum is one and a half standard deviations of such sums."""
+    spread = np.random.default_rng(2).standard_normal(parallel_choice.LOG_PARTS)
+    spread = (spread - spread.mean()) / spread.std(ddof=1)
+    gain = spread + 1.5 / np.sqrt(len(spread))
+    assert np.mean(gain > 0) > 0.5
+    losses = iter([10 + gain, np.full(len(gain), 10.0)])
+    monkeypatch.setattr(parallel_choice, "_losses", lambda *_: next(losses))
+    log, tried = recorded(phantom, noise=0.05), haptid.Treatment(12.0, parallel_cutoff_hz=4.0)
+    assert parallel_choice.better_cutoff(phantom, [log], [tried, tried], 0, tried, 0.0, surely) == chosen
