@@ -106,8 +106,8 @@ class Targets:
         """Indices of targets not told from zero that are combined of base parameters which are not excited."""
         share = np.abs(self.C) / np.abs(self.C).max(axis=1, keepdims=True, initial=np.finfo(float).tiny)
         on_open = (share[:, list(self.estimate.unexcited)] > _ROUNDING).any(axis=1)
-        untold = not_told_from_zero(self.value, self.se, self.conf_int())
-        return tuple(int(k) for k in np.flatnonzero(on_open & untold))
+        unsure = not_told_from_zero(self.value, self.se, self.conf_int())
+        return tuple(int(k) for k in np.flatnonzero(on_open & unsure))
 
     @cached_property
     def between_logs(self) -> BetweenLogs | None:

@@ -27,8 +27,8 @@ from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts, with_sums
 _COVERED, _INSIDE = 0.5, 0.01
 # Share of the rows that have a value of each group, at least.
 _KEPT = 0.5
-# Steps of a group above so many of the positions', and above this, s, are refused: between samples 0.1 s apart nothing
-# above 5 Hz is known, which robots move at.
+# A group whose sampling period is above this multiple of the positions' one, and above this, s, is refused: samples
+# 0.1 s apart do not show motion above 5 Hz.
 _SLOWER, _SLOW = 10.0, 0.1
 # Names of the fraction of whole seconds beside it.
 _FRACTION = re.compile(r"(?i:nano|micro|milli|[num]secs?$)[^.]*$")

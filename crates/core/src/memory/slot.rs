@@ -101,7 +101,7 @@ pub(crate) unsafe fn store<T: Lane, const N: usize>(first: *mut Slot, k: usize, 
     }
 }
 
-/// First samples of the groups of lanes that hold so many samples.
+/// Number of the first sample of each group of lanes, for this many samples.
 #[inline(always)]
 pub(crate) fn groups<T: Lane>(_: Simd<T>, samples: usize) -> impl Iterator<Item = usize> {
     (0..samples.div_ceil(GROUP * T::WIDTH)).map(|group| group * GROUP * T::WIDTH)

@@ -81,7 +81,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class ProvenChange:
-    """A change of the study that is proven to be needed, without which tests of the residuals find other causes.
+    """A change of the study that is proven to be needed; until it is made, tests of the residuals name wrong causes.
 
     Attributes:
         words: what to do, an instruction.
