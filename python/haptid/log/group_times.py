@@ -19,7 +19,7 @@ from haptid.log.checks import all_usable
 from haptid.log.file_format import Format
 from haptid.log.formats.sniff import RawChannel, channel_list, group_of
 from haptid.log.log import Channels
-from haptid.log.merging import SAME_TIMES, Stream, at_stamps
+from haptid.log.merging import LATEST, SAME_TIMES, Stream, at_stamps
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts, with_sums
 
 # Share of the positions' span that another clock covers at least, and share of the other clock's own span that lies in
@@ -32,8 +32,6 @@ _KEPT = 0.5
 _SLOWER, _SLOW = 10.0, 0.1
 # Names of the fraction of whole seconds beside it.
 _FRACTION = re.compile(r"(?i:nano|micro|milli|[num]secs?$)[^.]*$")
-# Times beyond this are no nanoseconds in 64 bits, s.
-_LATEST = 9e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +248,7 @@ def _in_common(
     first, last = float(apart), float(apart) + float(theirs[-1])
     common = min(float(seconds[-1]), last) - max(0.0, first)
     which = f"the times of {channel_list(names, 8)}, {own.name!r} in {own.unit},"
-    if common <= 0 or last > _LATEST or common < max(_COVERED * float(seconds[-1]), _INSIDE * float(theirs[-1])):
+    if common <= 0 or last > LATEST or common < max(_COVERED * float(seconds[-1]), _INSIDE * float(theirs[-1])):
         has = f"{common:.4g} s" if common > 0 else "no time"
         raise LogTimeError(
             f"{path}: {which} run from {first:.6g} to {last:.6g} s after the first of the positions, {time.name!r} in "

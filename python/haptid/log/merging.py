@@ -19,7 +19,7 @@ from haptid.log.request import Merge
 # Longest gap over which another topic is merged, in its own usual steps.
 _LARGEST_GAP = 4.0
 # Times beyond this are no nanoseconds in 64 bits, s.
-_LATEST = 9e9
+LATEST = 9e9
 # Share of a step by which times of two sources differ at most that are the same.
 SAME_TIMES = 1e-3
 # Least share of a table's rows without a channel, between its first and last value: fewer empty cells are a defect.
@@ -61,7 +61,7 @@ def common_rows(
     there = {name: ~np.isnan(column) for name, column in columns.items() if column.dtype.kind == "f"}
     # A defect, for which another check is there: the unit is put on the limit, and times are made s where all are below
     # it, since a product with what a flipped bit made may overflow.
-    if not (np.abs(columns[time]) < _LATEST / scale).all():
+    if not (np.abs(columns[time]) < LATEST / scale).all():
         return dict(columns)
     streams: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name in (*first, *(name for name in columns if name not in first and name != time)):
