@@ -133,6 +133,14 @@ def test_saturated_torque(tmp_path: Path, sign: int) -> None:
     assert "is saturated at" in log.notes[0]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_torque_of_one_direction_is_not_called_saturated(tmp_path: Path, sign: int) -> None:
+    tau = sign * np.maximum(TORQUE - TORQUE.mean(), 0.0)
+    with pytest.raises(errors.LogDataError, match=r"exactly at its extreme 0 N m .* one direction only, or is dead"):
+        read(tmp_path, tau=tau)
+    assert read(tmp_path, tau=tau, torque={"allow_saturation": True})
+
+
 @QUICK
 @given(share=st.floats(0.3, 0.93), step=st.floats(1e-4, 0.02), phase=st.floats(0, 1))
 def test_a_clipped_converter_is_caught(tmp_path: Path, share: float, step: float, phase: float) -> None:

@@ -372,21 +372,31 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
         share = _held(at, moving) / column.size
         if share > HELD_SHARE:
             if not signal.allow_saturation:
-                raise LogDataError(
-                    f"{path}: torque channel {name!r} stays exactly at its extreme {extreme:.6g} {signal.unit} for "
-                    f"{100 * share:.2g} % of the samples (limit {100 * HELD_SHARE:g} %): it is saturated, and the "
-                    "actual torque there is unknown.",
-                    where=name,
-                    found=share,
-                    limit=HELD_SHARE,
-                    advice="Record a slower motion, leave these parts out with `exclude`, or give `allow_saturation = "
-                    "true` if the command is the torque that acted.",
-                )
+                raise _unknown_torque(path, name, extreme, signal.unit, share)
             return (
                 f"torque channel {name!r} is saturated at {extreme:.6g} {signal.unit} for "
                 f"{100 * share:.2g} % of the samples, as allowed"
             )
     return None
+
+
+def _unknown_torque(path: Path, name: str, extreme: float, unit: str, share: float) -> LogDataError:
+    """Error of a torque that stays at its extreme during motion: a drive at its limit, or, at zero, a dead channel."""
+    extreme = extreme or 0.0  # not -0
+    if extreme:
+        why, remedy = "it is saturated, and the actual torque there is unknown", "Record a slower motion"
+    else:
+        why = "it shows one direction only, or is dead there, and the actual torque there is unknown"
+        remedy = "Check its wiring and whether it was recorded with its sign"
+    return LogDataError(
+        f"{path}: torque channel {name!r} stays exactly at its extreme {extreme:.6g} {unit} for {100 * share:.2g} % of "
+        f"the samples (limit {100 * HELD_SHARE:g} %): {why}.",
+        where=name,
+        found=share,
+        limit=HELD_SHARE,
+        advice=f"{remedy}, leave these parts out with `exclude`, or give `allow_saturation = true` if the command is "
+        "the torque that acted.",
+    )
 
 
 def _held(at: NDArray[np.bool_], moving: NDArray[np.bool_]) -> int:
