@@ -2,11 +2,11 @@
 
 Each work is measured in turn with a reference, some work of NumPy that takes about as long: both see the same clock and
 the same neighbours, so that their ratio is comparable between runs, and the least of each counts. Ratios depend on the
-processor nevertheless: those of each back end are recorded apart, and a run names the processor of the record where it
-is another. A work that seems slower is measured again before it is named.
+processor nevertheless: they are recorded by back end and processor. On a processor without a record another's ratios
+stand beside, and decide nothing. A work that seems slower is measured again before it is named.
 
     python benchmarks/quick.py              compare, exit status 1 if something is slower by more than 10 %
-    python benchmarks/quick.py --record     keep the ratios as the record of this back end
+    python benchmarks/quick.py --record     keep the ratios as the record of this back end and processor
 """
 
 from __future__ import annotations
@@ -130,30 +130,36 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--record", action="store_true", help="keep the ratios as the record of this back end")
     record = parser.parse_args().record
-    backend = os.environ.get("HAPTID_BACKEND", _core.backends()[0])
-    records = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
-    recorded = records.get(backend, {}).get("ratios", {})
+    where = machine() | {"backend": os.environ.get("HAPTID_BACKEND", _core.backends()[0])}
+    records = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else []
+    own = next((one for one in records if same(one["where"], where)), None)
+    beside = own or next((one for one in records if one["where"]["backend"] == where["backend"]), None)
+    shown = beside["ratios"] if beside else {}
+    judged = {} if record or own is None else own["ratios"]
     ratios, slower = {}, []
     for name, measure in all_works().items():
         ratio, tries = measure(), 1
-        while lost(name, ratio, recorded) and tries < TRIES:
+        while lost(name, ratio, judged) and tries < TRIES:
             ratio, tries = max(ratio, measure()), tries + 1
         ratios[name] = round(ratio, 4)
-        before = f"{recorded[name]:10.3g}" if name in recorded else "         -"
-        print(f"{name:40s} {ratio:10.3g} {before}  {'SLOWER' if lost(name, ratio, recorded) else ''}", flush=True)
-        slower += [name] if lost(name, ratio, recorded) else []
+        before = f"{shown[name]:10.3g}" if name in shown else "         -"
+        print(f"{name:40s} {ratio:10.3g} {before}  {'SLOWER' if lost(name, ratio, judged) else ''}", flush=True)
+        slower += [name] if lost(name, ratio, judged) else []
     if record:
-        records[backend] = {"where": machine() | {"backend": backend}, "ratios": ratios}
-        RECORD.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+        kept = [one for one in records if one is not own] + [{"where": where, "ratios": ratios}]
+        RECORD.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
         return 0
-    if not recorded:
-        print(f"nothing is recorded for back end {backend}: run with --record")
-    elif (where := records[backend]["where"])["processor"] != machine()["processor"]:
-        print(f"the record is of another processor, {where['processor']}: ratios may differ without a change")
-    print(
-        f"slower than commit {records[backend]['where']['commit']}: {', '.join(slower)}" if slower else "nothing fell"
-    )
+    if own is None:
+        other = f"; the ratios beside are of {beside['where']['processor']}, and decide nothing" if beside else ""
+        print(f"no record of back end {where['backend']} on {where['processor']}{other}: run with --record")
+        return 0
+    print(f"slower than commit {own['where']['commit']}: {', '.join(slower)}" if slower else "nothing fell")
     return 1 if slower else 0
+
+
+def same(one: dict[str, str], other: dict[str, str]) -> bool:
+    """Whether ratios of two machines are comparable."""
+    return all(one[key] == other[key] for key in ("backend", "processor"))
 
 
 if __name__ == "__main__":
