@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -26,7 +25,6 @@ import numpy as np
 import haptid
 from arm import Arm
 from dynamics import search, works
-from haptid import _core
 from haptid.dynamics.symbolic import regroupings
 from haptid.experiment.bench.trajectories import Trajectory
 from haptid.experiment.excitation import motion_condition
@@ -130,7 +128,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--record", action="store_true", help="keep the ratios as the record of this back end")
     record = parser.parse_args().record
-    where = machine() | {"backend": os.environ.get("HAPTID_BACKEND", _core.backends()[0])}
+    where = machine()
     records = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else []
     own = next((one for one in records if same(one["where"], where)), None)
     beside = own or next((one for one in records if one["where"]["backend"] == where["backend"]), None)

@@ -1,4 +1,7 @@
-"""`make bench`: every benchmark, kept under `benchmarks/results/`, and one table of all that is beside peers."""
+"""`make bench`: every benchmark, kept under `benchmarks/results/`, and one table of all that is beside peers.
+
+With a back end that the environment variable `HAPTID_BACKEND` demands, records have its name behind theirs.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,9 @@ def main() -> None:
         for what, figure in figures.items():
             print(f"  {what:75s} {figure:12.4g}")
         text = json.dumps({"where": where, "figures": figures}, indent=1)
-        (HERE / "results" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+        demanded = os.environ.get("HAPTID_BACKEND")
+        record = f"{name}-{demanded}.json" if demanded else f"{name}.json"
+        (HERE / "results" / record).write_text(text + "\n", encoding="utf-8")
     if not speed_report.STUDIES.isdisjoint(names):
         print("\n" + speed_report.table(speed_report.recorded()))
 
@@ -109,7 +114,7 @@ def machine() -> dict[str, str]:
         "machine": platform.machine(),
         "processor": processor(),
         "cores": str(os.cpu_count()),
-        "backend": _core.backends()[0],
+        "backend": os.environ.get("HAPTID_BACKEND", _core.backends()[0]),
         "commit": commit.stdout.strip(),
     }
 

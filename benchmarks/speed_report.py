@@ -8,6 +8,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 STUDIES = frozenset({"kernel", "dynamics", "file-to-result", "start-up"})
+# Back end with which `kernel` and `dynamics` are recorded too, on a processor that has a wider one.
+NARROWER = "avx2"
 ALL = ("Pinocchio C++", "Pinocchio Python", "CasADi C", "iDynTree", "MuJoCo", "figaroh")
 # Targets of the ratio of a peer's time to that of haptid.
 TARGETS = {
@@ -25,10 +27,19 @@ Records = dict[str, dict[str, float]]
 
 
 def recorded() -> Records:
-    """Figures of the studies that are recorded."""
-    files = {study: ROOT / "benchmarks" / "results" / f"{study}.json" for study in sorted(STUDIES)}
-    texts = {study: file.read_text(encoding="utf-8") for study, file in files.items() if file.exists()}
-    return {study: json.loads(text)["figures"] for study, text in texts.items()}
+    """Figures of the studies that are recorded; ratios with the narrower back end beside the others."""
+    made: Records = {}
+    for study in sorted(STUDIES):
+        for backend in ("", f"-{NARROWER}"):
+            file = ROOT / "benchmarks" / "results" / f"{study}{backend}.json"
+            found = json.loads(file.read_text(encoding="utf-8"))["figures"] if file.exists() else {}
+            if backend:
+                found = {
+                    f"{name}, {NARROWER}": figure for name, figure in found.items() if name.endswith("over haptid")
+                }
+            if found:
+                made.setdefault(study, {}).update(found)
+    return made
 
 
 def table(records: Records) -> str:
@@ -44,16 +55,19 @@ def parts(records: Records) -> dict[str, str]:
 
 
 def compared(figures: dict[str, float]) -> str:
-    """A line for each task and each peer."""
-    lines = []
+    """A line for each task and each peer; the ratio with the narrower back end where it is recorded."""
+    lines, narrow = [], any(name.endswith(f", {NARROWER}") for name in figures)
     for name, ratio in figures.items():
         found = re.fullmatch(r"(.*): (.*) over haptid", name)
         if found:
             work, peer = found.groups()
             ours, theirs = time_of(figures, work, "haptid"), ratio * time_of(figures, work, "haptid")
             target = TARGETS.get((work, peer))
-            lines.append((work, shown(ours), peer, shown(theirs), times(ratio), verdict(ratio, target)))
-    return markdown(("task", "haptid", "peer", "its time", "ratio", "target"), ordered(lines))
+            other = figures.get(f"{name}, {NARROWER}")
+            more = ("" if other is None else times(other),) if narrow else ()
+            lines.append((work, shown(ours), peer, shown(theirs), times(ratio), *more, verdict(ratio, target)))
+    heads = (f"ratio, {NARROWER.upper()}",) if narrow else ()
+    return markdown(("task", "haptid", "peer", "its time", "ratio", *heads, "target"), ordered(lines))
 
 
 def ordered(lines: list[tuple[str, ...]]) -> list[tuple[str, ...]]:

@@ -44,5 +44,15 @@ def test_ratios_are_compared_with_their_targets():
     assert "| `haptid --help` | 0.20 | below 0.3, reached |" in text
 
 
+def test_ratios_with_a_narrower_back_end_stand_beside():
+    figures = MADE_UP["kernel"] | {f"regressor in cache: Pinocchio C++ over haptid, {speed_report.NARROWER}": 12.0}
+    lines = speed_report.compared(figures).splitlines()
+    assert lines[0] == "| task | haptid | peer | its time | ratio | ratio, AVX2 | target |"
+    assert lines[2:] == [
+        "| regressor in cache | 0.1 | Pinocchio C++ | 1.9 | 19 | 12 | 20, not reached |",
+        "| regressor in cache | 0.1 | CasADi C | 0.4 | 4.0 |  | 3.5, reached |",
+    ]
+
+
 def test_peers_without_a_figure_are_named():
     assert "Left out\n\nPinocchio Python, iDynTree, MuJoCo" in speed_report.table(MADE_UP)
