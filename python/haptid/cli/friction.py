@@ -22,7 +22,7 @@ Select a friction model for each joint from a constant-velocity test.
 
 In the test each joint in turn moves to and fro at several constant speeds (kind = "sweep" on `haptid bench`).
 Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction are compared by AICc; a larger model must be
-lower by 2. Writes into OUT:
+lower by 2, and one beyond Coulomb and viscous friction significant by an F test. Writes into OUT:
 
 - `friction.csv`: velocity, friction torque and its 95 % interval, one row for each constant velocity
 - `friction.json`: every model with its parameters, intervals, AICc and error, and the selected one

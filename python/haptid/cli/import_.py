@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 HELP = """\
 Read a robot description, and write it as a device file.
 
-FILE is a URDF, xacro, MJCF, SDF, SYMORO file (.par), or a table of Denavit-Hartenberg parameters (.csv). The device
-file says in comments what is approximate and what is left out, with lines of FILE. Its torques are compared with those
-of the description itself, link by link, and its loops must close; otherwise nothing is written.
+FILE is a URDF, xacro, MJCF, SDF, USD or SYMORO file (.par), or a table of Denavit-Hartenberg parameters (.csv). The
+device file says in comments what is approximate and what is left out, with lines of FILE. Its torques are compared with
+those of the description itself, link by link, and its loops must close; otherwise nothing is written.
 
 Exit status: 0 on success, 1 with --strict if anything is approximate or left out, 2 if FILE is refused.
 
