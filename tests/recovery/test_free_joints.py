@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, stats
 
 import haptid
 from haptid.advice import advise
@@ -237,6 +238,73 @@ def test_a_hand_on_the_joint_is_told(tmp_path: Path) -> None:
     one = identified(tmp_path, t, q[:, :, 0], force[:, 0], 0)
     verdict = str(diagnose(one.estimate, one.unseen[0]).verdict)
     assert "the torque of joint pole is not zero" in verdict
+
+
+PENDUBOT = """
+schema = 1
+name = "pendubot"
+gravity = [0.0, -9.81, 0.0]
+convention = "placement"
+[[joints]]
+name = "shoulder"
+[[joints]]
+name = "elbow"
+xyz = [0.25, 0.0, 0.0]
+torque = "zero"
+[[motors]]
+name = "shoulder"
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[symmetry]]
+reason = "slender links along x"
+zero = ["MYshoulder", "MYelbow"]
+"""
+
+
+@dataclass(frozen=True)
+class ByTheShoulder:
+    """A method that hardly counts the rows of the elbow."""
+
+    name: ClassVar[str] = "by the shoulder"
+    unit_residual: ClassVar[bool] = False
+
+    def weights(self, observation: haptid.Observation) -> np.ndarray:
+        return np.array([1e-3 if motor.free else 1.0 for motor in observation.motors])
+
+
+def test_a_motor_with_a_wrong_model_does_not_outvote_a_joint_that_nothing_drives(tmp_path: Path) -> None:
+    """The shoulder's torque has a part in proportion to the elbow's acceleration, as of a sensor in a bent mounting."""
+    J1, J2, S1, S2, length, damping, g = 0.05, 0.004, 0.2, 0.02, 0.25, 0.001, 9.81
+    t = np.arange(0.0, 16.0, 4e-3)
+
+    def torque(s: float, q: np.ndarray, v: np.ndarray) -> float:
+        wanted = -np.pi / 2 + 0.5 * np.sin(3.1 * s) + 0.3 * np.sin(7.3 * s + 1.0)
+        return 30.0 * (wanted - q[0]) - 1.5 * v[0]
+
+    def rates(s: float, x: np.ndarray) -> np.ndarray:
+        q, v = x[:2], x[2:]
+        c, k = length * S2 * np.cos(q[1]), length * S2 * np.sin(q[1])
+        M = np.array([[J1 + J2 + 2 * c, J2 + c], [J2 + c, J2]])
+        weight = np.array([S1 * np.cos(q[0]), 0.0]) * g + S2 * g * np.cos(q[0] + q[1])
+        rest = np.array([-k * v[1] * (2 * v[0] + v[1]), k * v[0] ** 2]) + weight
+        return np.append(v, np.linalg.solve(M, [torque(s, q, v), -damping * v[1]] - rest))
+
+    x = integrate.solve_ivp(rates, (0.0, t[-1]), [-np.pi / 2, 0.0, 0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-10).y
+    tau = np.array([torque(s, y[:2], y[2:]) for s, y in zip(t, x.T, strict=True)])
+    tau += 0.006 * np.array([rates(s, y)[3] for s, y in zip(t, x.T, strict=True)])  # 1.5 times the elbow's own inertia
+    tau += 0.02 * np.std(tau) * np.random.default_rng(1).standard_normal(t.size)
+    table = np.column_stack([t, np.rint(x[:2].T * 4096 / (2 * np.pi)) * (2 * np.pi) / 4096, tau])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,x,angle,force", comments="", fmt="%.9g")
+    (tmp_path / "device.toml").write_text(PENDUBOT)
+    study = STUDY.replace('unit = ["m", "rad"]', 'unit = "rad"').replace('unit = "N", side', 'unit = "N m", side')
+    (tmp_path / "study.toml").write_text(study)
+    fitted = haptid.identify(haptid.read_study(tmp_path / "study.toml")).estimate
+    ratio = fitted["ZZelbow"].value / fitted["MXelbow"].value
+    assert ratio == pytest.approx(J2 / S2, rel=0.01)
+    outvoted = haptid.estimate(fitted.observation, ByTheShoulder())
+    said = str(diagnose(outvoted, haptid.fit_errors(outvoted)).verdict)
+    assert "the rows of joint elbow contradict those of the motors" in said
 
 
 def tree(seed: int, free: frozenset[int], joints: int = 5) -> str:

@@ -88,6 +88,20 @@ class MotorRows:
         terms = np.linalg.norm(self.whole[:, :-1], axis=0) * beta[self.columns]
         return float(np.linalg.norm(terms) / np.sqrt(2.0))
 
+    def own_residual(self, beta: Array) -> float:
+        """What is left of a free joint's rows by parameters of their own, for all base parameters beta, N m or N.
+
+        Zero holds at any scale of the parameters: the largest term stays as beta has it, and the others balance it as
+        well as they can. Never more than `residual`, and much less where a wrong model of the motors moved beta.
+        """
+        own = beta[self.columns]
+        used = np.flatnonzero(own)
+        terms = self.whole[:, used] * own[used]
+        largest = int(np.argmax(np.linalg.norm(terms, axis=0)))
+        others = np.delete(terms, largest, axis=1)
+        best = np.linalg.lstsq(others, -terms[:, largest], rcond=None)[0]
+        return float(np.linalg.norm(terms[:, largest] + others @ best))
+
     def pick(self, blocks: np.ndarray) -> MotorRows:
         """Some blocks, by index."""
         return replace(self, r_factors=self.r_factors[blocks], rows=self.rows[blocks])

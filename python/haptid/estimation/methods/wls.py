@@ -84,7 +84,8 @@ class WLS:
     def weight(self, motor: MotorRows, beta: Array) -> float:
         """One over the standard deviation of one motor's residual, which is not below the rounding of its channel.
 
-        One for a motor without rows. That of a free joint is less, by `FREE_SHARE`.
+        One for a motor without rows. That of a free joint is less, by `FREE_SHARE`, and goes by the noise of its rows
+        alone, not by what a wrong model of the motors leaves in them: that made the weight less the more it was needed.
 
         Raises:
             IdentifiabilityError: the motor's torque is zero throughout.
@@ -98,7 +99,8 @@ class WLS:
             raise no_torque(motor.name)
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))
         floor = max(np.finfo(float).eps * size / np.sqrt(dof), motor.rounding)
-        return float((FREE_SHARE if motor.free else 1.0) / max(motor.residual(beta) / np.sqrt(dof), floor))
+        left = motor.own_residual(beta) if motor.free else motor.residual(beta)
+        return float((FREE_SHARE if motor.free else 1.0) / max(left / np.sqrt(dof), floor))
 
 
 def weights_without(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import BODIES, NEGATIVE, Finding, Status, joined_names, worst
 from haptid.uncertainty.figures import per_cent
-from haptid.validation.validation import Validation
+from haptid.validation.validation import Validation, percent
 
 # Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
 _CLOSE, ROUGH = 5.0, 20.0
@@ -126,7 +126,7 @@ def verdict(
         return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
 
     size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
-    silent = [*_unused(fitted), *_silent(errors), *_held(errors)]
+    silent = [*_unused(fitted), *_silent(errors), *_held(fitted, errors)]
     torque = [size, *silent, *_small(errors), *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *silent, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
@@ -215,17 +215,34 @@ def _silent(errors: Validation) -> list[Reason]:
     return [Reason("doubt", words if one else words.replace("of a channel", "of channels"))]
 
 
-def _held(errors: Validation) -> list[Reason]:
-    """Joints whose torque is not zero, against the word of the device file."""
-    return [
-        Reason(
-            "doubt",
-            f"the torque of {m.label} is not zero: {per_cent(m.relative)} of its terms is left (limit {ROUGH:g} %), as "
-            "where a hand, a brake or a cable acts on it, or a term is missing",
+def _held(fitted: Estimate, errors: Validation) -> list[Reason]:
+    """Joints whose torque is not zero, against the word of the device file, or whose rows contradict the motors'."""
+    contradicting = _contradicting(fitted)
+    found = []
+    for m in errors.comparable.motors:
+        if not m.free or not m.rows or m.relative <= ROUGH:
+            continue
+        left = f"{per_cent(m.relative)} of its terms is left (limit {ROUGH:g} %)"
+        words = (
+            f"the rows of {m.label} contradict those of the motors: {left}, and {per_cent(contradicting[m.label])} by "
+            "parameters of its own, as where the torque of a motor, a delay, a length or a term of the motors is wrong"
+            if m.label in contradicting
+            else f"the torque of {m.label} is not zero: {left}, as where a hand, a brake or a cable acts on it, or a "
+            "term is missing"
         )
-        for m in errors.comparable.motors
-        if m.free and m.rows and m.relative > ROUGH
-    ]
+        found.append(Reason("doubt", words))
+    return found
+
+
+def _contradicting(fitted: Estimate) -> dict[str, float]:
+    """What parameters of their own leave, per cent of the terms, of free joints whose rows fit by these alone."""
+    found = {}
+    for motor in fitted.observation.motors:
+        if motor.free and motor.rows.any() and (size := motor.size(fitted.beta)):
+            own = percent(motor.own_residual(fitted.beta), size)
+            if percent(motor.residual(fitted.beta), size) > max(ROUGH, 2.0 * own) and own <= ROUGH:
+                found[motor.label] = own
+    return found
 
 
 def _small(errors: Validation) -> list[Reason]:
