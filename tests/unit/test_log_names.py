@@ -206,6 +206,32 @@ def test_x_y_and_z_of_a_point_are_no_joints(tmp_path: Path) -> None:
     assert survey(path).table == ""
 
 
+@pytest.mark.parametrize("names", ["DevicePosX,DevicePosY,DevicePosZ,CursorPosX,CursorPosY", "pos_x,pos_y,pos_z,a,b"])
+def test_the_position_of_a_handle_is_none_of_the_joints(tmp_path: Path, names: str) -> None:
+    """It was drafted as joints in degrees, as its millimetres are more than two turns."""
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, 60 * Q, 40 * P, 50 * (Q + P), 60 * Q, 40 * P, TAU, TAU + P, TAU - P))
+    header = f"t,{names},CommandedForceX,CommandedForceY,CommandedForceZ"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    assert survey(path).table == ""
+    three = (("yaw",), ("shoulder",), ("elbow",))
+    assert survey(path, joints=three, straight=[False] * 3).table == ""
+    output = CliRunner().invoke(app, ["channels", str(path)]).output
+    assert f"{names[: names.index('Z') + 1] if 'Z' in names else 'pos_x,pos_y,pos_z'}".replace(",", ", ") in output
+    assert "of a point in space, which does not tell how the joints stand" in output
+
+
+def test_x_y_and_z_of_a_machine_are_its_joints(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, Q, P, Q + P, TAU, TAU + P, TAU - P))
+    np.savetxt(path, table, delimiter=",", header="t,pos_x,pos_y,pos_z,force_x,force_y,force_z", comments="")
+    slides = (("first",), ("second",), ("third",))
+    found = tomllib.loads(survey(path, joints=slides, straight=[True] * 3).table)["channels"]
+    assert found["position"] == {"channels": ["pos_x", "pos_y", "pos_z"], "unit": "m"}
+    np.savetxt(path, table, delimiter=",", header="t,angle_x,angle_y,angle_z,tau_x,tau_y,tau_z", comments="")
+    assert tomllib.loads(survey(path).table)["channels"]["position"]["unit"] == "rad"
+
+
 @pytest.mark.parametrize("joints", [(), (("shoulder",), ("elbow",), ("wrist",))])
 def test_torques_are_in_the_order_of_the_positions_by_their_numbers(
     tmp_path: Path, joints: tuple[tuple[str, ...], ...]

@@ -169,5 +169,6 @@ def _pickled(path: Path, name: str) -> LogFileError:
     return LogFileError(
         f"{path}: {name} is an array of Python objects, and reading it would execute code from the file.",
         where=name,
-        advice=f"Save plain numbers: numpy.savez(path, {name}=numpy.asarray(..., dtype=float)).",
+        advice=f"Save plain numbers: numpy.savez(path, {name}=numpy.asarray(..., dtype=float)), or of a dict of arrays "
+        "numpy.savez(path, **arrays).",
     )

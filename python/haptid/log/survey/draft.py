@@ -68,6 +68,8 @@ def channels_table(
         return ""
     if joint_like := [family for family in positions if not family.of_a_point]:
         positions, torques = joint_like, [family for family in torques if not family.of_a_point]
+    elif not (joints and all(straight)) and not any(family.known or family.of_axes for family in positions):
+        return ""
     rates = [family.of(joints) for family in channel_families(topics, "velocity", joints)]
     pairs = [(p, t if t.known else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
@@ -101,14 +103,21 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
     lines = ["[channels]  # no channels of positions were recognised: name them here"]
     for topic in topics:
         left = [c.name for c in topic.channels if c.usable and c.quantity == "other"]
-        heads = [head for head in dict.fromkeys(name[:-1] for name in left) if {head + end for end in "xyz"} <= {*left}]
+        named = {c.name for c in topic.channels if c.usable and c.quantity in ("other", "position")}
+        rates = [c.name for c in topic.channels if c.usable and c.quantity == "velocity"]
+        heads = [
+            (name[:-1], ends)
+            for name in named
+            for ends in ("xyz", "XYZ")
+            if name.endswith(ends[0]) and {name[:-1] + end for end in ends} <= named
+        ]
         if heads:
-            names = " and ".join(f"{head}x, {head}y, {head}z" for head in heads[:_POINTS])
+            names = " and ".join(", ".join(head + end for end in ends) for head, ends in sorted(heads)[:_POINTS])
             lines.append(
                 f"# {names}: of a point in space, which does not tell how the joints stand; record each joint's own "
                 "position, and its motor's torque, current or command"
             )
-        if rates := [c.name for c in topic.channels if c.usable and c.quantity == "velocity"]:
+        if rates := [name for name in rates if not (heads and name[-1:] in "xyzXYZ")]:
             lines.append(
                 f"# {channel_list(rates)}: velocities, which are not integrated; save the positions that they are of, "
                 "or their running sum times the sampling period as a channel of positions"

@@ -40,6 +40,8 @@ _DRIVE = ("duty", "voltage", "current", "")
 _DRIVE_UNITS = {"A": "current", "mA": "current", "V": "voltage", "mV": "voltage"}
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
+# Words of coordinates of a machine, which may be called x, y and z as a point in space is.
+_OF_AXES = frozenset({"angle", "angles", "ang", "theta", "th", "joint", "q", "axis", "motor", "enc", "encoder"})
 # What is desired of a measured signal beside it, or its rates: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleDD`.
 _DESIRED = re.compile(r"(?:_d|(?<=[a-z])D{1,2})(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
@@ -92,6 +94,12 @@ class ChannelFamily:
         """Whether the channels are x, y and z of a point or a force in space, and of no joint."""
         ends = {re.split(r"[_. ]|(?<=[a-z])(?=[A-Z])", c.name)[-1].lower() for c in self.channels}
         return ends == {"x", "y", "z"}
+
+    @property
+    def of_axes(self) -> bool:
+        """Whether the channels are called angles, or the axes, motors or encoders of a machine, of x, y and z too."""
+        stated = all(c.reason.startswith(STATED) and c.unit in {*_ANGLES, "counts"} for c in self.channels)
+        return stated or all(words_of(c.name) & _OF_AXES for c in self.channels)
 
     @property
     def is_input(self) -> bool:
