@@ -3,6 +3,7 @@
 May not use any device: `check_against` takes joint limits as numbers.
 """
 
+from haptid.log.copies import same_samples
 from haptid.log.formats.folders import log_size
 from haptid.log.lazy import OnDisk, PartlyInMemory, as_array
 from haptid.log.limit_checks import check_against
@@ -25,4 +26,5 @@ __all__ = [
     "log_size",
     "open_log",
     "read_log",
+    "same_samples",
 ]

@@ -18,7 +18,7 @@ from haptid.motion.channels import check_log
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion, treat
 from haptid.observation.plan import Plan
-from haptid.study.identify import check_kind, logs_to_propose_from, read_entry
+from haptid.study.identify import check_kind, logs_to_propose_from, read_entry, refuse_copies
 from haptid.study.payloads import recorded_poses
 from haptid.study.read import read_study
 from haptid.study.still_joints import refuse_held_joints
@@ -166,6 +166,7 @@ def _treatment(
     study: Study, model: DynamicModel, logs: Sequence[Log], progress: _Progress
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Reasons of the proposed treatment, and the commands that come next."""
+    refuse_copies(study, logs)
     refuse_held_joints(model, logs, study)
     progress("choosing a treatment", 0.0)
     proposal = propose(model, *logs_to_propose_from(study, logs), **study.treatment)

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 from haptid._internal.blas_threads import on_one_blas_thread
@@ -13,7 +14,7 @@ from haptid._internal.bounded_files import BASE_PARAMETERS
 from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import EstimationError, NoRowsError
+from haptid.errors import EstimationError, NoRowsError, SharedRowsError
 from haptid.estimation import Estimate, MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
@@ -21,7 +22,7 @@ from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.executors import Executor
 from haptid.inference.frequency_response import FrequencyResponse, Spring, response_of_motors
 from haptid.inference.gimbal import GimbalEffect, gimbal_effect
-from haptid.log import Log, is_long, log_size, open_log, read_log
+from haptid.log import Log, is_long, log_size, open_log, read_log, same_samples
 from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.batch import observe_all
@@ -154,6 +155,7 @@ def identify(
     folder = Path(data or study.path.parent)
     together = sum(log_size(path) for entry in study.logs if os.path.exists(path := folder / entry.path))
     logs = [read_entry(entry, folder, progress, together) for entry in study.logs]
+    refuse_copies(study, logs)
     expect_fast_sampling(as_filed, logs)
     study, logs, response = _completed(study, as_filed, logs, progress)
     refuse_held_joints(as_filed, logs, study)
@@ -254,6 +256,23 @@ def check_kind(study: Study) -> None:
                 f"logs.{k}.payload",
                 f"mass and com of payload {entry.body.name!r} are required to subtract its torque",
                 advice="Give both, or estimate them: `haptid payload`.",
+            )
+
+
+def refuse_copies(study: Study, logs: Sequence[Log]) -> None:
+    """Refuse two logs with samples of one recording.
+
+    Raises:
+        SharedRowsError: a file was saved again, converted or cut out of another.
+    """
+    for (one, log), (other, later) in combinations(zip(study.logs, logs, strict=True), 2):
+        if found := same_samples(log, later):
+            raise SharedRowsError(
+                f"{other.path} has samples of {one.path}, such as those from {found[0]:.3f} to {found[1]:.3f} s: rows "
+                "of one recording would count twice, or be called unseen.",
+                where=other.path,
+                found=found,
+                advice="Leave one of the logs out, and validate with another recording.",
             )
 
 

@@ -1,0 +1,71 @@
+"""Samples of one recording in two logs: a file that was saved again, converted or cut out of another."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import oaconvolve
+
+from haptid._internal.arrays import Array
+from haptid.log.log import Log
+
+# Samples of the pieces that are searched for, at most and at least, and how many of them along the shorter log.
+_LONGEST, _SHORTEST, _PIECES = 1024, 64, 4
+# Samples of a log that its standard deviations are computed from, about.
+_SPREAD = 20_000
+# Differences, in standard deviations, up to which samples are the same: files of five digits. Motions that a machine
+# repeats differ by its noise, of a thousandth and more.
+_SAME = 1e-4
+# Rates that differ by more are of different recordings.
+_RATES = 1e-3
+# A piece moves where its standard deviation is this share of the log's.
+_MOVES = 0.1
+
+
+def same_samples(one: Log, other: Log) -> tuple[float, float] | None:
+    """Where the second log first has samples of the first one, start and stop of a piece of it, s; None where nowhere.
+
+    Two files of the same bytes are not looked at, nor logs that are not in memory: they share no rows that are not
+    known by their times.
+    """
+    if (one.sha256 and one.sha256 == other.sha256) or not (_in_memory(one) and _in_memory(other)):
+        return None
+    if one.position.shape[1:] != other.position.shape[1:] or one.torque.shape[1:] != other.torque.shape[1:]:
+        return None
+    if abs(one.dt / other.dt - 1.0) > _RATES:
+        return None
+    shorter, longer = (other, one) if other.t.size <= one.t.size else (one, other)
+    size = min(_LONGEST, shorter.t.size // 2)
+    if size < _SHORTEST:
+        return None
+    every = slice(None, None, max(1, shorter.t.size // _SPREAD))
+    spread, count = _channels(shorter, every).std(axis=0), shorter.position.shape[1]
+    for start in np.linspace(0, shorter.t.size - size, _PIECES).astype(int):
+        piece = _channels(shorter, slice(start, start + size))
+        share = np.divide(piece.std(axis=0), spread, out=np.zeros_like(spread), where=spread > 0)
+        if share[:count].max() <= _MOVES or share[count:].max() <= _MOVES:
+            continue
+        moving = int(np.argmax(share))
+        whole = longer.position[:, moving] if moving < count else longer.torque[:, moving - count]
+        at = _nearest(whole, piece[:, moving])
+        difference = _channels(longer, slice(at, at + size)) - piece
+        if (np.sqrt(np.mean(difference**2, axis=0)) <= _SAME * spread).all():
+            begin = start if shorter is other else at
+            return float(other.t[begin]), float(other.t[begin + size - 1])
+    return None
+
+
+def _in_memory(log: Log) -> bool:
+    return isinstance(log.position, np.ndarray) and isinstance(log.torque, np.ndarray)
+
+
+def _channels(log: Log, rows: slice) -> Array:
+    """Some rows of positions and torques beside each other, (n, channels)."""
+    return np.hstack([np.asarray(log.position[rows]), np.asarray(log.torque[rows])])
+
+
+def _nearest(whole: Array, piece: Array) -> int:
+    """The sample of a channel, (n,), from which it has the least squared difference from a piece of one, (m,)."""
+    x, y = whole - piece.mean(), piece - piece.mean()
+    sums = np.concatenate([[0.0], np.cumsum(x**2)])
+    energy = sums[len(y) :] - sums[: len(x) - len(y) + 1]
+    return int(np.argmin(energy - 2.0 * oaconvolve(x, y[::-1], mode="valid")))
