@@ -85,6 +85,13 @@ def test_a_motion_that_is_repeated_is_another_recording(tmp_path: Path, share: f
     assert same_samples(one, one) is None  # rows of one file are told by their times
 
 
+def test_the_same_approach_does_not_make_simulated_logs_one(tmp_path: Path) -> None:
+    one, other = recorded(0), recorded(1)
+    other[:900] = one[:900]
+    logs = [read(written(tmp_path / f"{k}.csv", table)) for k, table in enumerate((one, other))]
+    assert same_samples(*logs) is None
+
+
 @pytest.mark.parametrize(("seed", "refused"), [(0, True), (1, False)])
 def test_a_copy_does_not_validate(tmp_path: Path, seed: int, refused: bool) -> None:
     written(tmp_path / "one.csv", recorded(0))

@@ -8,8 +8,9 @@ from scipy.signal import oaconvolve
 from haptid._internal.arrays import Array
 from haptid.log.log import Log
 
-# Samples of the pieces that are searched for, at most and at least, and how many of them along the shorter log.
-_LONGEST, _SHORTEST, _PIECES = 1024, 64, 4
+# Samples of the pieces that are searched for, at most and at least, how many of them along the shorter log, and which
+# share of those with motion has to be found: simulated logs may begin with the same approach.
+_LONGEST, _SHORTEST, _PIECES, _FOUND = 1024, 64, 4, 0.5
 # Samples of a log that its standard deviations are computed from, about.
 _SPREAD = 20_000
 # Differences, in standard deviations, up to which samples are the same: files of five digits. Motions that a machine
@@ -39,19 +40,23 @@ def same_samples(one: Log, other: Log) -> tuple[float, float] | None:
         return None
     every = slice(None, None, max(1, shorter.t.size // _SPREAD))
     spread, count = _channels(shorter, every).std(axis=0), shorter.position.shape[1]
+    found: list[int] = []
+    moving = 0
     for start in np.linspace(0, shorter.t.size - size, _PIECES).astype(int):
         piece = _channels(shorter, slice(start, start + size))
         share = np.divide(piece.std(axis=0), spread, out=np.zeros_like(spread), where=spread > 0)
         if share[:count].max() <= _MOVES or share[count:].max() <= _MOVES:
             continue
-        moving = int(np.argmax(share))
-        whole = longer.position[:, moving] if moving < count else longer.torque[:, moving - count]
-        at = _nearest(whole, piece[:, moving])
+        moving += 1
+        most = int(np.argmax(share))
+        whole = longer.position[:, most] if most < count else longer.torque[:, most - count]
+        at = _nearest(whole, piece[:, most])
         difference = _channels(longer, slice(at, at + size)) - piece
         if (np.sqrt(np.mean(difference**2, axis=0)) <= _SAME * spread).all():
-            begin = start if shorter is other else at
-            return float(other.t[begin]), float(other.t[begin + size - 1])
-    return None
+            found.append(int(start) if shorter is other else at)
+    if not found or len(found) < _FOUND * moving:
+        return None
+    return float(other.t[found[0]]), float(other.t[found[0] + size - 1])
 
 
 def _in_memory(log: Log) -> bool:
