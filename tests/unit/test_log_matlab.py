@@ -131,11 +131,12 @@ def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
         np.testing.assert_allclose(np.ravel(found[name]), samples, atol=1e-12)
 
 
-def test_samples_taken_again_at_each_pose_are_no_joints(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [300, 44])
+def test_samples_taken_again_at_each_pose_are_no_joints(tmp_path: Path, count: int) -> None:
     """The first of each joint's are drafted, and what was measured before what was planned; the samples were joints."""
     rng = np.random.default_rng(0)
-    poses = np.array([0.6, 1.1, 1.7])[:, None] * np.sin(np.arange(300) * np.array([[0.7], [0.9], [1.3]]))
-    again = poses[:, :, None] + 1e-4 * rng.standard_normal((3, 300, 5))
+    poses = np.array([0.6, 1.1, 1.7])[:, None] * np.sin(np.arange(count) * np.array([[0.7], [0.9], [1.3]]))
+    again = poses[:, :, None] + 1e-4 * rng.standard_normal((3, count, 5))
     effort = np.cos(again) + 0.4 * rng.standard_normal(again.shape)  # with outliers of its own
     io.savemat(tmp_path / "run.mat", {"pivot_positions": poses, "current_position": again, "desired_effort": effort})
     channels = tomllib.loads(survey(tmp_path / "run.mat").table)["channels"]

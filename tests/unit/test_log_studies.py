@@ -257,9 +257,8 @@ def test_a_study_is_drafted_for_the_joints_of_a_device(tmp_path: Path) -> None:
 def test_files_that_call_their_variable_as_the_run_have_channels_of_their_own(tmp_path: Path) -> None:
     """`run1.q` of `run1.mat` is `run2.q` of `run2.mat`: a study of both reads both."""
     small_study.write_study(tmp_path)
-    log = small_study.columns(1)
-    for run in ("run1", "run2"):
-        savemat(tmp_path / f"{run}.mat", {run: dict(log)})
+    for seed, run in enumerate(("run1", "run2"), start=1):
+        savemat(tmp_path / f"{run}.mat", {run: dict(small_study.columns(seed))})
     device = tmp_path / tomllib.loads(small_study.STUDY)["device"]
     logs = [tmp_path / "run1.mat", tmp_path / "run2.mat"]
     text, _ = draft_study(logs, read_device(device), str(device), tmp_path)

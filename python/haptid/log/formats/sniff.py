@@ -27,8 +27,8 @@ Address: TypeAlias = tuple[slice | int, ...]
 RATIO_LIMIT = 200.0
 # An array whose shorter side is longer than this is a matrix and not a set of channels.
 MOST_CHANNELS = 1000
-# Samples of a trial at least, in an array of several.
-_LEAST_TRIAL = 50
+# Samples of a trial at least, in an array of several; fewer poses are enough where the other sides are half as long.
+_LEAST_TRIAL, _LEAST_POSES = 50, 20
 
 MAGIC = (
     (b"PAR1", "Parquet"),
@@ -297,7 +297,7 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     if len(shape) > 2 and 0 < len(sides) <= 2:
         inner = addresses(name, tuple(shape[k] for k in sides))
         return {own: _within(at, sides, len(shape)) for own, at in inner.items()}
-    if len(shape) == 3 and max(shape) >= _LEAST_TRIAL and 0 not in shape:
+    if len(shape) == 3 and 0 not in shape and max(shape) >= min(_LEAST_TRIAL, max(_LEAST_POSES, 2 * sorted(shape)[1])):
         return _of_trials(name, shape)
     if len(shape) == 1:
         return {name: (every,)}
