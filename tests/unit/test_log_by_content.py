@@ -139,6 +139,19 @@ def test_a_table_without_a_header_becomes_a_study(tmp_path: Path) -> None:
     assert found.estimate["FC1"].value == pytest.approx(0.1, abs=0.05)
 
 
+def test_torques_that_are_left_are_in_the_unit_of_the_motors_and_too_many_are_said(tmp_path: Path) -> None:
+    """Columns of currents and of a sensor beside them, of a device with one motor, as a pendubot's log has."""
+    log = small_study.columns(1, seconds=8.0)
+    rates = [np.gradient(log[name], 2e-3) for name in ("q1", "q2")]
+    table = np.column_stack([log["q1"], log["q2"], *rates, log["tau1"], log["tau2"]])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",")
+    joints = [("shoulder",), ("elbow",)]
+    drafted = survey(tmp_path / "log.csv", joints, [("shoulder",)], command_unit="A").table
+    assert 'unit = "A", side = "motor" }' in drafted
+    assert "the device has 1 motor, and these are 2: keep those of shoulder" in drafted
+    assert "these are 2" not in survey(tmp_path / "log.csv", joints, joints, command_unit="A").table
+
+
 def test_measured_torques_are_drafted_before_commands_which_are_named(tmp_path: Path) -> None:
     log = small_study.columns(1)
     columns = {"t": log["t"], "q1": log["q1"], "q2": log["q2"]}

@@ -91,7 +91,8 @@ def channels_table(
     if torque is None:
         lines += _left(topics, position) or [f"{_NO_TORQUE}; {WITHOUT_TORQUE}"]
     else:
-        lines.append(_signal_line("torque", torque, before_gears and torque.of_motors) + _other_order(position, torque))
+        of_motors = _signal_line("torque", torque, before_gears and torque.of_motors)
+        lines.append(of_motors + _other_order(position, torque) + _too_many(torque, motors))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
     lines += _velocity_line(rates, position)
@@ -161,6 +162,15 @@ def _other_order(position: ChannelFamily, torque: ChannelFamily) -> str:
         return ""  # one is counted from 0
     ones, others = (", ".join(names) for names in zip(*odd[:_NAMED], strict=True))
     return f"; their joints are called {others} where those of the positions are {ones}: check the order"
+
+
+def _too_many(torque: ChannelFamily, motors: Sequence[tuple[str, ...]]) -> str:
+    """What to check where more torques are left than the device has motors."""
+    if not motors or len(torque.channels) <= len(motors):
+        return ""
+    names = ", ".join(motor[-1] for motor in motors[:_NAMED])
+    count = "1 motor" if len(motors) == 1 else f"{len(motors)} motors"
+    return f"; the device has {count}, and these are {len(torque.channels)}: keep those of {names}"
 
 
 def _unlike(position: ChannelFamily, joints: Sequence[tuple[str, ...]]) -> str:

@@ -210,9 +210,10 @@ def unit_of(
 
 def commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
     """A torque of no stated unit in that of the device's motors."""
-    if channel.quantity != "torque" or not channel.reason.startswith(_UNSTATED) or channel.unit == unit:
+    before, unstated, _ = channel.reason.partition(_UNSTATED)  # before it, how it was recognised without a name
+    if channel.quantity != "torque" or not unstated or channel.unit == unit:
         return channel
-    return replace(channel, unit=unit, reason=f"{_UNSTATED}; that of the device's motors")
+    return replace(channel, unit=unit, reason=f"{before}{_UNSTATED}; that of the device's motors")
 
 
 def lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
