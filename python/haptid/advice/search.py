@@ -14,6 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.contact import at_rest, contact, elsewhere
+from haptid.advice.odd_logs import odd_logs
 from haptid.advice.recorder import ChannelFault, faults, rounded_rows, simulated_rows
 from haptid.advice.rows import BaseRows, TrialRows
 from haptid.advice.spoiled import SpoiledPart
@@ -37,8 +38,6 @@ from haptid.validation.validation import of_all_motors
 # the share is above LARGE_GAIN: such a gain is no chance, and blocks differ by what happens in them.
 LEAST_GAIN, LEAST_SE = 0.03, 3.0
 LARGE_GAIN, LARGE_SE = 0.25, 2.0
-# Power of a log's residual under the fit of the others, over theirs, above which it is another device.
-_OTHER_LOG = 4.0
 # Largest sizes that are believed: s, rad, m.
 LARGEST_CHANGE = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
 # Terms that joints of coupled motors may have besides the motors.
@@ -371,32 +370,18 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
         mask = np.broadcast_to(~_touched(search, part.log, part.samples), rows.used.shape)
         yield TriedChange(part.kind, part.places, Setting(rows="clean"), indices=(part.log,)), mask
     flagged = search.contact
-    for one, mask in _other_logs(search):
-        yield one, mask
-        whole = rows.log == one.indices[0]
+    for k in odd_logs(rows, search.bench):
+        whole, file = rows.log == k, search.motions[k].log
+        if file is None:
+            continue
+        one = TriedChange("other log", (file.path.name,), Setting(rows="clean"), indices=(k,))
+        yield one, np.broadcast_to(~whole, rows.used.shape)
         if flagged[whole].mean() > _MOSTLY:  # what differs is not in parts of it
             flagged = flagged & ~whole
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
         kind = "rest" if at_rest(rows)[flagged].mean() > _MOSTLY else "contact"
         yield TriedChange(kind, ("the device",), Setting(rows="clean")), mask
-
-
-def _other_logs(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
-    """Logs whose residual under the fit of the others is far above theirs, one at a time, (motors, rows)."""
-    rows, bench = search.rows, search.bench.without_candidates()
-    logs = np.unique(rows.log)
-    if len(logs) < 3:  # of two, none is the odd one
-        return
-    for k in logs:
-        mask = np.broadcast_to(rows.log != k, rows.used.shape)
-        without = bench.with_rows("clean", rows.grams(mask, bench.base))
-        fitted = without.fit(Setting(rows="clean"), np.arange(bench.blocks))
-        e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
-        own, others = (float(np.nanmean(e[:, rows.log == k] ** 2)), float(np.nanmean(e[:, rows.log != k] ** 2)))
-        log = search.motions[int(k)].log
-        if own > _OTHER_LOG * others and log is not None:
-            yield TriedChange("other log", (log.path.name,), Setting(rows="clean"), indices=(int(k),)), mask
 
 
 def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
