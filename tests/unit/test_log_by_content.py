@@ -248,3 +248,22 @@ def test_planned_positions_in_the_array_of_the_measured_ones_are_no_joints(unit:
     found = Content.of({"t": DT * np.arange(len(state)), **columns})
     assert found.positions == ("state[0]", "state[1]", "state[2]")
     assert found.torques == ("u[0]", "u[1]", "u[2]")
+
+
+def test_accelerations_beside_positions_and_rates_are_not_asked_for_as_torques(tmp_path: Path) -> None:
+    """A planned trajectory, in one array or by names, has three groups: the third one was offered as the torques."""
+    parts = signals()
+    planned = np.gradient(np.gradient(parts["q"], DT, axis=0), DT, axis=0)
+    apart = {"q": parts["q"], "q_dot_filtered": parts["qd"], "q_ddot_filtered": planned}
+    np.savez(tmp_path / "named.npz", t=parts["t"][:, 0], **apart)
+    np.savez(tmp_path / "one.npz", t=parts["t"][:, 0], Qrad=np.hstack([parts["q"], parts["qd"], parts["qdd"]]))
+    for name in ("named.npz", "one.npz"):
+        draft = survey(tmp_path / name).table
+        assert "is it" not in draft
+        assert "# torque = ...  # no channel of torques" in draft
+        assert len(tomllib.loads(draft)["channels"]["position"]["joints"]) == JOINTS
+    found = {c.name: c.reason for c in survey(tmp_path / "one.npz").topics[0].channels}
+    assert found["Qrad[7]"] == "the rate of a velocity"
+    np.savez(tmp_path / "more.npz", t=parts["t"][:, 0], load=parts["tau"], **apart)
+    drafted = tomllib.loads(survey(tmp_path / "more.npz").table)["channels"]
+    assert drafted["torque"]["field"] == "load"

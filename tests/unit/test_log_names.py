@@ -485,3 +485,19 @@ def test_a_letter_in_brackets_is_a_unit_behind_a_space_and_a_joint_without() -> 
     assert unit_apart("current1 [a]") == ("current1", "a")
     assert element_of("time [h]") is None
     assert unit_apart("position[a]") == ("position[a]", "")
+
+
+@pytest.mark.parametrize(
+    "name", ["jointacttorque_filtered", "Elbow_tao", "tao2", "jointmeasuredtorque", "motoracttorque"]
+)
+def test_torques_in_words_written_together_or_by_ear(name: str) -> None:
+    assert quantity_of(name) == "torque"
+
+
+@pytest.mark.parametrize(("name", "unit"), [("milliseconds", "ms"), ("microseconds", "us"), ("nanoseconds", "ns")])
+def test_times_that_are_called_by_their_unit(tmp_path: Path, name: str, unit: str) -> None:
+    factor = {"ms": 1e3, "us": 1e6, "ns": 1e9}[unit]
+    columns = np.column_stack((T * factor, Q, TAU))
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=f"{name},q,tau", comments="")
+    drafted = tomllib.loads(survey(tmp_path / "log.csv").table)["channels"]
+    assert (drafted["time"], drafted["time_unit"]) == (name, unit)

@@ -48,6 +48,7 @@ class Content:
         rates: of each position.
         torques: as many, of what is left; empty where there are not enough.
         others: further groups of the same size that torques may be.
+        accelerations: rates of the rates.
         dt: sampling period by which the rates are those of the positions, s; 0 where no two are.
     """
 
@@ -56,6 +57,7 @@ class Content:
     rates: tuple[str, ...] = ()
     torques: tuple[str, ...] = ()
     others: tuple[tuple[str, ...], ...] = ()
+    accelerations: tuple[str, ...] = ()
     dt: float = 0.0
 
     @staticmethod
@@ -93,16 +95,19 @@ class Content:
         heads = sorted(i for i in at if i not in set(at.values()))
         together = len(set(arrays)) > 1 and {arrays[k] for k in heads} == {arrays[first]}
         heads = _measured(rows, heads, at if together else {}, block)
-        used = {*at, *at.values(), *_second_rates(at, heads, len(names))}
+        second = _second_rates(at, heads, len(names))
+        used = {*at, *at.values(), *second}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
         # Torques of a mechanism that is all inertia are rates of rates too, of another period: taken if nothing else is
         rates = [at.get(k) for k in heads]
         for taken, alone in ((used, False), ({*heads, *(k for k in rates if k is not None)}, True)):
             groups = _left(rows, [k for k in moving if k not in taken], heads, taken)
-            groups = [group for group in groups if not _accelerations(rows, group, rates, step, alone)]
+            again = [group for group in groups if _accelerations(rows, group, rates, step, alone)]
+            groups = [group for group in groups if group not in again]
             if groups:
                 break
+        second = {*second, *(k for group in again for k in group)} - {k for group in groups for k in group}
         groups.sort(key=lambda group: bool(heads) and arrays[group[0]] != arrays[heads[0]])  # the positions' own first
 
         def named(group: list[int]) -> tuple[str, ...]:
@@ -114,6 +119,7 @@ class Content:
             tuple(names[at[k]] for k in heads if k in at),
             named(groups[0]) if groups else (),
             tuple(map(named, groups[1:])),
+            named(sorted(second)),
             step,
         )
 

@@ -15,7 +15,16 @@ from haptid.log.survey.channels import STATED, ChannelSurvey, TopicSurvey
 from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
 from haptid.log.survey.guesses import NO_RATE, unit_of
 from haptid.log.survey.joint_names import are_named, owners
-from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, may_be_rate, words_of
+from haptid.log.survey.names import (
+    COMMAND_WORDS,
+    NEITHER,
+    drive_unit,
+    element_of,
+    is_acceleration,
+    may_be_rate,
+    words_of,
+)
+from haptid.log.survey.recognised import RATE_OF_RATE
 from haptid.log.units import PERIODS, TABLES
 
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
@@ -219,6 +228,7 @@ def _left(topics: Sequence[TopicSurvey], position: ChannelFamily) -> list[str]:
         and family.topic is position.topic
         and family.rank[:2] == (True, True)
         and not words_of(family.array) & NEITHER
+        and not any(channel.reason == RATE_OF_RATE or is_acceleration(channel.name) for channel in family.channels)
     ][:3]
     names = " or ".join(channel_list([channel.name for channel in family.channels]) for family in left)
     asked = f"{_NO_TORQUE} by its name; is it {names}?"

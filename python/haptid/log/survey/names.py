@@ -16,7 +16,7 @@ _CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "
 _VOLTAGE = frozenset({"voltage", "voltages", "volt", "volts", "vm", "vq", "uq", "spannung"})
 _DUTY = frozenset({"pwm", "duty"})
 _TORQUE = frozenset({"tau", "taus", "torque", "torques", "trq", "torq", "tor", "tq", "effort", "efforts", "eff",
-                     "moment", "drehmoment", "couple", "coppia"})  # fmt: skip
+                     "moment", "drehmoment", "couple", "coppia", "tao", "taos"})  # fmt: skip
 _EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
 _FORCE = frozenset({"load", "loads", "force", "kraft", "u", "mt", "ctrl"})
 _POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "positions", "ang", "angle", "angles", "theta",
@@ -55,9 +55,11 @@ _JOINT = frozenset({"joint", "j", "axis"})
 COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
 _TIME = frozenset({"t", "ts", "time", "times", "timestamp", "stamp", "date", "datetime", "sec", "secs", "seconds",
                    "elapsed", "zeit", "temps", "tempo", "tiempo",
-                   "millis", "micros", "utime", "tick", "ticks"})  # fmt: skip
+                   "millis", "micros", "utime", "tick", "ticks", "milliseconds", "microseconds",
+                   "nanoseconds"})  # fmt: skip
 _TIME_UNIT = {"s": "s", "ms": "ms", "msec": "ms", "millis": "ms", "us": "us", "usec": "us", "micros": "us",
-              "utime": "us", "ns": "ns", "nsec": "ns"}  # fmt: skip
+              "utime": "us", "ns": "ns", "nsec": "ns", "milliseconds": "ms", "microseconds": "us",
+              "nanoseconds": "ns"}  # fmt: skip
 
 # Words of scripts without capitals, inside longer ones: Chinese, Japanese and Korean, and Russian.
 _FOREIGN = {
@@ -76,7 +78,8 @@ _FOREIGN_WORD = re.compile("|".join(own for own, _ in _BY_LENGTH), re.I)
 _TOKEN = re.compile(r"[^\W\d_a-z]+(?![a-z])|[^\W\d_a-z]?[^\W\d_A-Z]+")
 # Words that are written together in lower case or in capitals: `posact`, `tauest`, `jpos`.
 _GLUED = re.compile(
-    r"(?P<before>act|ist|soll|set|meas|msr|des|ref|cmd|joint|motor|gelenk|achs|[jqm])?"
+    r"(?:(?P<first>joint|motor|gelenk|achs)(?=act|meas|cmd))?"
+    r"(?P<before>act|actual|ist|soll|set|meas|measured|msr|des|ref|cmd|joint|motor|gelenk|achs|[jqm])?"
     r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle|ang|winkel|lage|drehmoment|moment|strom"
     r"|geschwindigkeit|drehzahl)s?"
     r"(?P<after>act|actual|ist|soll|set|meas|msr|des|ref|cmd|est|fb|fbk|real)?"
@@ -205,6 +208,12 @@ def quantity_of(name: str) -> Quantity:
             if known_words & known:
                 return quantity if quantity != "position" or not rate else _rate_of(rate)
     return "other"
+
+
+def is_acceleration(name: str) -> bool:
+    """Whether a name is that of a rate of a rate, which is no torque whatever it is beside."""
+    rate = _RATE.search(base_of(name).rpartition(".")[2])
+    return bool(rate and any(rate.groups()))
 
 
 def _rate_of(rate: re.Match[str]) -> Quantity:

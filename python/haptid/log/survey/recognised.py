@@ -11,6 +11,9 @@ from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.guesses import unit_of
 from haptid.log.survey.names import COMMAND_WORDS, is_straight, words_of
 
+# Reason of what is of no quantity that is used.
+RATE_OF_RATE = "the rate of a velocity"
+
 
 def recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[ChannelSurvey]:
     """Channels without telling names by how they move."""
@@ -31,6 +34,8 @@ def recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Chan
             channel = replace(channel, quantity="position", unit=unit, reason=reason)
         elif channel.name in content.rates:
             channel = replace(channel, quantity="velocity")
+        elif channel.name in content.accelerations:
+            channel = replace(channel, reason=RATE_OF_RATE)
         elif channel.name in torques:
             current = frozenset({"current"} if channel.name.rstrip("_0123456789") in ("i", "I") else ())
             unit, reason = unit_of("torque", current, largest, channel, "")
