@@ -84,6 +84,12 @@ class Format:
         found: dict[str, tuple[str, ...]] = {} if told is None else told(path, wanted)
         return found
 
+    def beside(self, path: Path) -> dict[str, RawChannel]:
+        """Lists of texts, and single numbers, beside the samples, each (n,), of formats that have such arrays."""
+        told = getattr(self._reader, "beside", None)
+        found: dict[str, RawChannel] = {} if told is None else told(path)
+        return found
+
     def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
         """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
         found: list[RawChannel] = self._reader.rows(path, wanted, start, stop)

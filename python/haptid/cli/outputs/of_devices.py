@@ -79,7 +79,7 @@ class ChannelOutput(OutputTable):
     reason: str = Field(description="of the guess")
     period: Number = Field(description="by which a position jumps, in its own unit; 0 where it does not")
     register_: RegisterOutput = Field(alias="register")
-    joint: str = Field(description="as a column of texts beside it names it in every row; empty where none does")
+    joint: str = Field(description="as texts beside it name it, in every row or in a list; empty where none does")
 
 
 class TopicOutput(OutputTable):
@@ -94,6 +94,8 @@ class TopicOutput(OutputTable):
     late_ms: Number = Field(description="median of receive stamp minus header stamp")
     why_not: str = Field(description="why it is not decoded")
     by_rates_hz: Number = Field(description="rate at which velocities are the rates of positions, without times")
+    stated_hz: Number = Field(description="rate that a number beside the samples states; 0 where none does")
+    stated_by: str = Field(description="that number with its name")
 
 
 class ChannelsOutput(OutputTable):

@@ -10,8 +10,16 @@ import h5py
 import numpy as np
 
 from haptid.errors import LogFileError
-from haptid.log.formats.matlab_references import element_name, matlab_class, members, referenced, titled_values
+from haptid.log.formats.matlab_references import (
+    element_name,
+    matlab_class,
+    members,
+    referenced,
+    text_of,
+    titled_values,
+)
 from haptid.log.formats.sniff import (
+    MOST_CHANNELS,
     Address,
     Budget,
     RawChannel,
@@ -55,6 +63,33 @@ def _unit(dataset: Any) -> str:
         if isinstance(stated, str):
             return stated.strip()
     return ""
+
+
+def beside(path: Path) -> dict[str, RawChannel]:
+    """Lists of texts and single numbers beside the samples, in datasets or in attributes, each (n,)."""
+    found: dict[str, RawChannel] = {}
+    with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
+        owners: dict[str, Any] = {"": file}
+        file.visititems(lambda name, item: owners.update({str(name).strip("/").replace("/", "."): item}))
+        for name, dataset in _datasets(file, numbered=True).items():
+            if text := text_of(dataset):
+                found[name] = np.array([text])
+            elif isinstance(dataset, h5py.Dataset) and dataset.shape is not None and dataset.size <= MOST_CHANNELS:
+                found[name] = _listed(dataset[()])
+        for name, owner in owners.items():
+            for key, value in owner.attrs.items():
+                if not key.startswith("MATLAB"):
+                    found.setdefault(f"{name}.{key}" if name else key, _listed(value))
+    return {name: values for name, values in found.items() if values.size and not name.startswith("#")}
+
+
+def _listed(value: Any) -> RawChannel:
+    """A few texts, or one number, as an array (n,); empty for anything else."""
+    values = np.atleast_1d(np.asarray(value)).ravel()
+    if values.dtype.kind in "OS" and values.size <= MOST_CHANNELS:
+        texts = [x.decode(errors="replace") if isinstance(x, bytes) else x for x in values]
+        return np.array(texts) if all(isinstance(x, str) for x in texts) else np.empty(0)
+    return values if values.dtype.kind == "U" or (numeric(values.dtype) and values.size == 1) else np.empty(0)
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:

@@ -22,6 +22,7 @@ from haptid.log.formats.iddata import iddata_leaves, is_iddata
 from haptid.log.formats.mat_objects import objects, unread
 from haptid.log.formats.signal_titles import NAMES, SAMPLES, UNITS, VALUES, title_of
 from haptid.log.formats.sniff import (
+    MOST_CHANNELS,
     Budget,
     RawChannel,
     addresses,
@@ -92,6 +93,21 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         except LogFileError:
             names(path)  # which raises it too where there is no other channel
     return {name: found[name] for name in wanted if name in found}
+
+
+def beside(path: Path) -> dict[str, RawChannel]:
+    """Lists of texts and single numbers beside the samples, each (n,)."""
+    kind = require(path, _KIND, *_VERSIONS)
+    if kind in ("MAT 7.3", "HDF5"):
+        return hdf5.beside(path)
+    if kind == "MAT 4":
+        return {}
+    leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value, titled=False))
+    return {
+        name: array.ravel()
+        for name, array in leaves
+        if array.size <= MOST_CHANNELS and (array.dtype.kind == "U" or (array.size == 1 and numeric(array.dtype)))
+    }
 
 
 def _has_objects(path: Path) -> bool:

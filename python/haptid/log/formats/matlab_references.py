@@ -68,8 +68,8 @@ def titled_values(group: Any) -> dict[str, Any]:
         arrays = {low: x for low, x in own.items() if isinstance(x, h5py.Dataset) and matlab_class(x) != b"char"}
         long = {low for low, x in arrays.items() if x.size is not None and x.size >= SAMPLES}
         nested = any(isinstance(x, h5py.Group) or matlab_class(x) == b"cell" for x in own.values())
-        name = next((_text(own[field]) for field in NAMES if field in own), "")
-        unit = next((_text(own[field]) for field in UNITS if field in own), "")
+        name = next((text_of(own[field]) for field in NAMES if field in own), "")
+        unit = next((text_of(own[field]) for field in UNITS if field in own), "")
         if nested or len(long) != 1 or not long <= VALUES:
             return {}
         values = own[long.pop()]
@@ -85,7 +85,7 @@ def _elements(field: Any) -> list[Any]:
     return (referenced(field) if isinstance(field, h5py.Dataset) else []) or [field]
 
 
-def _text(item: Any) -> str:
+def text_of(item: Any) -> str:
     """A text of MATLAB; empty for anything else."""
     if not isinstance(item, h5py.Dataset) or matlab_class(item) != b"char" or "MATLAB_empty" in item.attrs:
         return ""

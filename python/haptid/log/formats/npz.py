@@ -17,6 +17,7 @@ from numpy.lib import format as npy
 
 from haptid.errors import LogFileError
 from haptid.log.formats.sniff import (
+    MOST_CHANNELS,
     Budget,
     RawChannel,
     addresses,
@@ -76,6 +77,22 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         plain = {name: f"{DATA}[{signals[name] + 1}]" if name in signals else name for name in wanted}
         read = collect([*dict.fromkeys(plain.values())], _columns(path, archive, [*plain.values()]))
     return {name: read[inner] for name, inner in plain.items() if inner in read}
+
+
+def beside(path: Path) -> dict[str, RawChannel]:
+    """Lists of texts and single numbers beside the samples, each (n,)."""
+    if require(path, _KIND, "a ZIP archive", ARRAY) == ARRAY:
+        return {}
+    found: dict[str, RawChannel] = {}
+    with opened_file(path, _KIND), zipfile.ZipFile(path) as archive:
+        for name, info in _members(path, archive).items():
+            with archive.open(info) as member:
+                shape, dtype, _ = _header(member)
+                few = int(np.prod(shape, dtype=object)) <= (MOST_CHANNELS if dtype.kind in "US" else 1)
+            if few and (numeric(dtype) or dtype.kind in "US") and info.file_size <= _MOST_MAPPING:
+                with archive.open(info) as member:
+                    found[name] = npy.read_array(member, allow_pickle=False).ravel()
+    return {name: texts.astype(np.str_) if texts.dtype.kind == "S" else texts for name, texts in found.items()}
 
 
 def _single(path: Path) -> dict[str, RawChannel]:

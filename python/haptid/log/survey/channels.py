@@ -35,7 +35,7 @@ class ChannelSurvey:
         quantity, unit, reason: guess of what it is; no unit where there is no reason for one.
         register: how it seems to write its sign, where it is a word of a drive; its range is that with the sign.
         period: by which a position jumps, in its own unit; 0 where it does not.
-        joint: name of its joint, where a column of texts beside it has that in every row.
+        joint: name of its joint, where a column of texts beside it has that in every row, or a list names its array's.
     """
 
     name: str
@@ -78,6 +78,8 @@ class TopicSurvey:
         late_ms: median of receive stamp minus header stamp, ms; NaN where there is no header.
         why_not: why it is not decoded; empty where it is.
         by_rates_hz: rate at which velocities are the rates of positions, of a table without times; 0 where not known.
+        stated_hz: rate that a number beside the samples states; 0 where none does.
+        stated_by: that number with its name; empty where none does.
     """
 
     name: str
@@ -91,6 +93,8 @@ class TopicSurvey:
     late_ms: float = math.nan
     why_not: str = ""
     by_rates_hz: float = 0.0
+    stated_hz: float = 0.0
+    stated_by: str = ""
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,8 @@ _NAMED, _POINTS, _LISTED = 8, 3, 24
 _MOTOR_TURNS = 2.0
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
 _FEW = 0.2
+# Share by which the rate that velocities tell differs at most from the one that is stated.
+_SAME_RATE = 0.05
 
 
 def _fit(position: ChannelFamily, torque: ChannelFamily) -> tuple[object, ...]:
@@ -314,9 +316,14 @@ def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Form
     if kind is LEROBOT:
         return f'time = "time"  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes'
     if not times:
-        if own := position.topic.by_rates_hz:
+        stated, by, own = position.topic.stated_hz, position.topic.stated_by, position.topic.by_rates_hz
+        if stated and (not own or abs(own / stated - 1.0) < _SAME_RATE):
+            return f"rate_hz = {stated:.9g}  # guess: the file states {by}"
+        if own:
+            but = f"; the file states {by}, which is another one" if stated else ""
             return (
                 f"rate_hz = {own:g}  # guess: no channel of times was found; at this rate velocities fit the positions"
+                f"{but}"
             )
         return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
     rows = position.channels[0].rows

@@ -21,6 +21,7 @@ from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts
+from haptid.log.survey.beside import column_names, of_listed_joints, stated_rate, texts_beside
 from haptid.log.survey.channels import A_PART, LOOKED_AT, STATED, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, timed, usual_step
 from haptid.log.survey.names import NESTED, base_of, element_of, is_time, quantity_of
@@ -54,6 +55,9 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     channels: list[ChannelSurvey] = []
     count, rate_of = 0, dict[str, float]()
     looked_at = _most_telling(names)
+    beside = kind.beside(path)
+    texts = texts_beside(beside)
+    called = column_names(looked_at, texts)
     if len(looked_at) < len(names):
         notes.append(
             f"{len(looked_at)} of {len(names)} channels are looked at, those whose names say a quantity first; "
@@ -67,14 +71,15 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             count = max(count, column.size)
             found, register = ChannelRange(), register_of(column)
             found.add(register.signed(column.astype(np.float64, copy=False)) if register else column)
-            channel = replace(found.channel(name, column.size), register=register)
-            if is_time(name):
+            title = called.get(name, name)
+            channel = replace(found.channel(title, column.size), register=register)
+            if is_time(title):
                 channel, own = timed(channel, column, stated.get(name, ""))
                 rate_of[name] = own
             if channel.quantity == "other":  # `ticks` of an encoder do not grow as those of a clock
                 source = "lerobot" if kind is LEROBOT else "rosjoint" if "joint_states" in name else ""
-                channel = guessed(channel, name, source, stated.get(name, ""))
-            channels.append(channel)
+                channel = guessed(channel, title, source, stated.get(name, ""))
+            channels.append(replace(channel, name=name, joint=called.get(name, "")))
     channels = [replace(c, quantity="other") if _is_part(c, count) else c for c in channels]
     rate = next((rate_of[c.name] for c in channels if c.quantity == "time" and rate_of.get(c.name)), 0.0)
     channels, own = _with_stamps_in_parts(channels, path, kind)
@@ -93,6 +98,7 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = _wrapped(channels, path, kind)
     channels = _of_named_joints(channels, looked_at, path, kind, notes)
+    channels = of_listed_joints(channels, texts)
     named = (c.joint or (m["element"] if (m := element_of(c.name)) else "") for c in channels)
     joints = dict.fromkeys(element for element in named if element and not element.isdecimal())
     if kind is LEROBOT:
@@ -101,7 +107,19 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         rate = lerobot.describe(path).fps
     else:
         rate = _rate_of_positions(channels, count, rate, rate_of, path, kind, notes)
-    return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels), by_rates_hz=by_rates)
+    stated_hz, stated_by = stated_rate(beside)
+    return TopicSurvey(
+        "",
+        kind.name,
+        count,
+        rate,
+        tuple(joints),
+        {},
+        tuple(channels),
+        by_rates_hz=by_rates,
+        stated_hz=stated_hz,
+        stated_by=stated_by,
+    )
 
 
 def _rate_of_positions(

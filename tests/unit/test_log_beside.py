@@ -1,0 +1,114 @@
+"""Names of joints in lists, and the rate as one number, beside matrices of samples."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from scipy import io
+from typer.testing import CliRunner
+
+from haptid.cli import app
+from haptid.log.survey import survey
+from haptid.log.survey.beside import stated_rate
+
+DT = 0.004
+NAMES = ("elbow", "shoulder", "wrist")
+T = np.arange(0.0, 8.0, DT)
+Q = np.column_stack([np.sin((1.0 + 0.3 * k) * T + k) for k in range(3)])
+TAU = np.column_stack([3 * np.cos((1.0 + 0.3 * k) * T) + k for k in range(3)])
+DEVICE = """
+name = "arm"
+gravity = [0, 0, -9.81]
+convention = "placement"
+joints = [
+    { name = "shoulder", axis = [0, 0, 1] }, { name = "elbow", axis = [0, 1, 0] }, { name = "wrist", axis = [0, 1, 0] },
+]
+"""
+
+
+def npz(path: Path) -> None:
+    np.savez(path, q=Q.T, tau=TAU.T, joint_names=np.array(NAMES), dt=DT)
+
+
+def mat(path: Path) -> None:
+    io.savemat(path, {"log": {"q": Q, "tau": TAU, "names": np.array(NAMES, dtype=object), "fs": 1 / DT}})
+
+
+def mat_of_letters(path: Path) -> None:
+    io.savemat(path, {"q": Q, "tau": TAU, "jointNames": np.char.ljust(NAMES, 8), "sampleTime": DT})
+
+
+def hdf5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["q"], file["tau"] = Q, TAU
+        file["joint_names"] = [name.encode() for name in NAMES]
+        file["sampling_rate"] = 1 / DT
+
+
+def attributes(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        group = file.create_group("run/arm")
+        group["q"], group["tau"] = Q, TAU
+        group.attrs["joint_names"], file.attrs["dt_ms"] = list(NAMES), 1e3 * DT
+
+
+def drafted(tmp_path: Path, log: Path) -> dict[str, Any]:
+    """The `[channels]` of the drafted study."""
+    (tmp_path / "device.toml").write_text(DEVICE)
+    out = tmp_path / "study.toml"
+    made = CliRunner().invoke(app, ["channels", str(log), "--device", str(tmp_path / "device.toml"), "--out", str(out)])
+    assert made.exit_code == 0, made.output
+    channels: dict[str, Any] = tomllib.loads(out.read_text())["channels"]
+    return channels
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix"), [(npz, "npz"), (mat, "mat"), (mat_of_letters, "mat"), (hdf5, "h5"), (attributes, "hdf5")]
+)
+def test_joints_are_those_of_the_list_beside_the_arrays(tmp_path: Path, write: Any, suffix: str) -> None:
+    """They stood in the order of the columns, which is another one than the device's, without a word."""
+    log = tmp_path / f"log.{suffix}"
+    write(log)
+    found = drafted(tmp_path, log)
+    assert found["position"]["joints"] == found["torque"]["joints"] == [2, 1, 3]
+    assert found["rate_hz"] == pytest.approx(1 / DT)
+
+
+def test_columns_of_one_matrix_are_what_a_list_calls_them(tmp_path: Path) -> None:
+    columns = ["t [ms]", *(f"q_{name} [deg]" for name in NAMES), *(f"tau_{name}" for name in NAMES)]
+    np.savez(tmp_path / "log.npz", data=np.column_stack([1e3 * T, np.rad2deg(Q), TAU]), columns=np.array(columns))
+    found = drafted(tmp_path, tmp_path / "log.npz")
+    assert (found["time"], found["time_unit"]) == ("data[1]", "ms")
+    assert (found["position"]["joints"], found["position"]["unit"]) == ([3, 2, 4], "deg")
+    assert found["torque"]["joints"] == [6, 5, 7]
+
+
+def test_torques_are_those_of_the_list_of_motors(tmp_path: Path) -> None:
+    lists = {"joint_names": np.array(NAMES), "motor_names": np.array(["wrist", "elbow", "shoulder"])}
+    np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU, **lists)
+    found = drafted(tmp_path, tmp_path / "log.npz")
+    assert (found["position"]["joints"], found["torque"]["joints"]) == ([2, 1, 3], [3, 2, 1])
+
+
+def test_lists_of_something_else_name_no_joints(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU, operators=np.array(["ann", "bob", "eve"]), joint_names=["a", "b"])
+    assert {channel.joint for channel in survey(tmp_path / "log.npz").topics[0].channels} == {""}
+
+
+def test_a_rate_that_velocities_contradict_is_said(tmp_path: Path) -> None:
+    rates = np.gradient(Q, DT, axis=0)
+    np.savez(tmp_path / "log.npz", q=Q, qd=rates, tau=TAU, dt=0.001)
+    table = survey(tmp_path / "log.npz").table
+    assert tomllib.loads(table)["channels"]["rate_hz"] == pytest.approx(1 / DT)
+    assert "the file states dt = 0.001, which is another one" in table
+
+
+def test_numbers_that_disagree_state_no_rate() -> None:
+    assert stated_rate({"dt": np.array([DT]), "fs": np.array([1 / DT])})[0] == pytest.approx(1 / DT)
+    assert stated_rate({"dt": np.array([DT]), "control_rate": np.array([1000.0])}) == (0.0, "")
+    assert stated_rate({"mass": np.array([2.0]), "fs": np.array([0.0]), "name": np.array(["x"])}) == (0.0, "")
