@@ -1,6 +1,7 @@
 """The model for use: consistent where the log says nothing else, another where held-out rows prefer it."""
 
 import json
+import sys
 import tracemalloc
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ import haptid
 from haptid.cli import app
 from haptid.errors import StudyFileError
 from haptid.estimation import GLS, WLS, PhysicallyConsistent, Ridge, feasible_parameters
-from haptid.estimation.methods.regularised import ENTROPIC_STRENGTHS, Entropic
+from haptid.estimation.methods.regularised import ENTROPIC_STRENGTHS, Entropic, EntropicPenalty
 from haptid.observation.observation import concatenated
 from haptid.results.result import Result
 from haptid.study import read_study
@@ -144,6 +145,19 @@ def test_a_right_prior_lowers_the_held_out_error_of_a_poor_log(model):
     for one in use.candidates:
         difference, se = one.excess
         assert one.is_better == (difference < -se and one.error < 0.98 * found["consistent"].error)
+
+
+def test_strengths_that_are_left_early_are_not_the_best(model, monkeypatch):
+    """With a bound that is none every strength is tried in every fold: the same figures, from more fits."""
+    made = haptid.estimate(observed(model, 2 * truth(model), 0.1), WLS())  # the prior is wrong by a half
+    module, fits = sys.modules["haptid.validation.model_for_use"], []
+    minimiser = EntropicPenalty.minimiser
+    monkeypatch.setattr(EntropicPenalty, "minimiser", lambda *given: fits.append(given[3]) or minimiser(*given))
+    early, few = model_for_use(made).candidates, len(fits)
+    monkeypatch.setattr(module, "_least", lambda *_: -np.inf)
+    fits.clear()
+    assert [vars(one) for one in model_for_use(made).candidates] == [vars(one) for one in early]
+    assert few < len(fits) == 5 * len(set(fits))
 
 
 def test_figures_are_those_of_fits_without_the_fold(bare):

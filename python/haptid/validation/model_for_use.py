@@ -38,7 +38,7 @@ from haptid.estimation.methods.regularised import (
     prior_links,
     strengthened,
 )
-from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.r_factor import r_factor
 from haptid.validation.validation import of_all_motors
 
@@ -266,21 +266,20 @@ class _Trial:
     """Squared errors of candidates on held-out blocks, by fits without the fold that a block is in.
 
     Attributes:
-        errors: of each candidate by name, for each strength, (strengths, blocks): they sum to the squared relative
-            error of all motors.
+        best: of each candidate by name, the strength of least error, and its errors, (blocks,): they sum to the squared
+            relative error of all motors.
     """
 
-    errors: dict[str, Array]
+    best: dict[str, tuple[float | None, Array]]
 
     def candidates(self) -> Iterator[UseCandidate]:
         """Each with its best strength, the consistent fit first."""
-        base = self.errors[CONSISTENT][0]
-        for name, tried in self.errors.items():
-            k = int(np.argmin(tried.sum(axis=1)))
-            excess = tried[k] - base
-            error, own = (100 * float(np.sqrt(part.sum())) for part in (tried[k], base))
+        base = self.best[CONSISTENT][1]
+        for name, (strength, tried) in self.best.items():
+            excess = tried - base
+            error, own = (100 * float(np.sqrt(part.sum())) for part in (tried, base))
             gain = 1 - error / own if own else 0.0
-            yield UseCandidate(name, STRENGTHS[name][k], error, (float(excess.sum()), se_of_sum(excess)), gain)
+            yield UseCandidate(name, strength, error, (float(excess.sum()), se_of_sum(excess)), gain)
 
 
 def se_of_sum(values: Array) -> float:
@@ -319,15 +318,28 @@ def _trial(fitted: Estimate, reference: Sequence[Observation], names: Sequence[s
             return None
         folds.append(_Fold(model, T, unseen))
     back = np.argsort(np.concatenate([fold.unseen for fold in folds]))
+    least = [_least(factors, motors, fold.unseen, len(rows.base)) for fold in folds]
 
-    def errors(name: str) -> Array:
-        parts = [_squares(factors, motors, fold.unseen, fold.fits(name)) for fold in folds]
-        return np.concatenate(parts, axis=1)[:, back]
+    def best(name: str) -> tuple[float | None, Array]:
+        """The strength of least error, and its squared errors, (blocks,); others are left as soon as they have more."""
+        found: tuple[float | None, Array] | None = None
+        lowest = np.inf
+        for strength in STRENGTHS[name]:
+            parts: list[Array] = []
+            for k, fold in enumerate(folds):
+                parts.append(_squares(factors, motors, fold.unseen, fold.fit(name, strength)))
+                total = sum(float(part.sum()) for part in parts)
+                if found is not None and total + sum(least[k + 1 :]) >= lowest:
+                    break
+            else:
+                found, lowest = (strength, np.concatenate(parts)[back]), total
+        assert found is not None
+        return found
 
     made = {}
     for name in names:
         try:
-            made[name] = errors(name)
+            made[name] = best(name)
         except ConvergenceError:  # such a fit is no candidate
             if name == CONSISTENT:
                 raise
@@ -360,17 +372,22 @@ def _folds(rows: Observation, fold_of: np.ndarray, reference: Observation) -> np
     return found
 
 
-def _squares(factors: Array, motors: Sequence[MotorRows], blocks: np.ndarray, betas: Array) -> Array:
-    """Squared errors of base parameters, (strengths, p), block by block, (strengths, blocks).
+def _squares(factors: Array, motors: Sequence[MotorRows], blocks: np.ndarray, beta: Array) -> Array:
+    """Squared errors of base parameters, (p,), block by block, (blocks,).
 
     Args:
         factors: of the motors' squared residuals, as of `of_all_motors`.
     """
-    total = np.zeros((len(betas), len(blocks)))
+    total = np.zeros(len(blocks))
     for factor, motor in zip(factors, motors, strict=True):
-        v = np.column_stack([-betas[:, motor.columns], np.ones(len(betas))])
-        total += factor * np.einsum("bis,bis->sb", *[motor.r_factors[blocks] @ v.T] * 2)
+        e = motor.r_factors[blocks] @ np.append(-beta[motor.columns], 1.0)
+        total += factor * np.einsum("bi,bi->b", e, e)
     return total
+
+
+def _least(factors: Array, motors: Sequence[MotorRows], blocks: np.ndarray, count: int) -> float:
+    """The least that squared errors of any base parameters, (count,), add up to in some blocks."""
+    return float(r_factor(stacked([motor.pick(blocks) for motor in motors], np.sqrt(factors), count))[-1, -1] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,21 +415,19 @@ class _Fold:
     def _cone(self) -> Cone:
         return roomy(self.model, self._free)
 
-    def fits(self, name: str) -> Array:
-        """Base parameters of a candidate for each of its strengths, (strengths, p), SI."""
-        return np.array(list(self._fits(name)))
+    @cached_property
+    def _penalty(self) -> EntropicPenalty:
+        return EntropicPenalty.of(self.model, self._cone)
 
-    def _fits(self, name: str) -> Iterator[Array]:
+    def fit(self, name: str, strength: float | None) -> Array:
+        """Base parameters of a candidate, (p,), SI."""
         if name == FREE:
-            yield self._free
-        elif name == CONSISTENT:
-            yield nearest_base_parameters(self._cone, self._free, self._R)
-        elif name == RIDGE:
-            prior = Ridge().prior(self.model)
-            for strength in STRENGTHS[RIDGE]:
-                own = r_factor(np.concatenate([self.T, strengthened(prior, strength or 0.0).rows]))
-                yield np.asarray(np.linalg.lstsq(own[:-1, :-1], own[:-1, -1], rcond=None)[0])
-        else:
-            penalty = EntropicPenalty.of(self.model, self._cone)
-            for strength in STRENGTHS[ENTROPIC]:
-                yield self._cone.A @ penalty.minimiser(self._R, self.T[:-1, -1], strength or 0.0, COARSE)
+            return self._free
+        if name == CONSISTENT:
+            return nearest_base_parameters(self._cone, self._free, self._R)
+        assert strength is not None
+        if name == RIDGE:
+            known = strengthened(Ridge().prior(self.model), strength).rows
+            own = r_factor(np.concatenate([self.T, known]))
+            return np.asarray(np.linalg.lstsq(own[:-1, :-1], own[:-1, -1], rcond=None)[0])
+        return np.asarray(self._cone.A @ self._penalty.minimiser(self._R, self.T[:-1, -1], strength, COARSE))
