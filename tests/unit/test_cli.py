@@ -3,8 +3,6 @@
 import json
 import runpy
 import shutil
-import subprocess
-import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -39,24 +37,6 @@ def test_help_says_what_goes_in_and_what_comes_out():
 
 def test_version():
     assert call("--version").stdout.strip() == f"haptid {haptid.__version__}"
-
-
-def test_a_command_loads_neither_numpys_compiler_nor_its_tests_until_they_are_asked_for():
-    code = """
-import sys
-from haptid.__main__ import program
-sys.argv = ["haptid", "model", "emps"]
-try:
-    program()
-except SystemExit as done:
-    assert not done.code
-import scipy.special
-import numpy
-assert not {"numpy.f2py.crackfortran", "numpy.testing._private.utils"} & set(sys.modules)
-numpy.testing.assert_equal(1, 1)
-assert callable(numpy.f2py.get_include)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
 
 def test_devices_are_listed_and_each_can_be_printed():
