@@ -289,11 +289,11 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
             Geometry(f"zero of joint {device.joints[j].name}", step=SLOPE_STEP, channel=k),
             Source("zero offset", f"joint {device.joints[j].name}", k, (_on_all_rows(home_offset_slope(model, k)),)),
         )
-    lengths = dict(_lengths(device.tables))
+    lengths, plain = dict(_lengths(device.tables)), device.tables.model_copy(update={"targets": {}})
     longest = max(map(abs, lengths.values()), default=0.0)
     for what in (replace(one, most=_BELIEVED * longest) for one in lengths):
         try:
-            other = DynamicModel(device_of(changed(device.tables, what.key, what.step), device.name))
+            other = DynamicModel(device_of(changed(plain, what.key, what.step), device.name))
         except HaptidError:
             continue
         if other.mechanism is not None and len(other.terms) == len(model.terms):

@@ -34,14 +34,12 @@ def contact(rows: TrialRows, bench: Bench) -> tuple[np.ndarray, float]:
     flagged = none
     step = float(np.median(np.diff(rows.t))) or 1.0
     width = max(3, round(_CONTACT_S / step))
+    left_out = None
     # A contact distorts the first fit, so that all of the log has a residual: the first limits are low.
     for limit in (_CONTACT / 4, _CONTACT / 2, _CONTACT, _CONTACT):
-        clean = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape), bench.base))
-        fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
-        e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
-        power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
-        smooth = running_mean(power, width)
-        median = float(np.median(smooth[use]))
+        if left_out is None or (flagged != left_out).any():
+            left_out, smooth = flagged, running_mean(_power_without(flagged, rows, bench), width)
+            median = float(np.median(smooth[use]))
         if limit < _CONTACT:
             flagged = smooth > max(limit * median, _quantile(smooth[use]))
             continue
@@ -60,6 +58,14 @@ def contact(rows: TrialRows, bench: Bench) -> tuple[np.ndarray, float]:
     if runs > _MOST_CONTACTS:
         return none, 0.0
     return flagged, float(np.median(smooth[flagged])) / max(median, np.finfo(float).tiny)
+
+
+def _power_without(flagged: np.ndarray, rows: TrialRows, bench: Bench) -> Array:
+    """Power of the residuals of a fit without flagged rows, the mean of all motors, (rows,)."""
+    clean = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape), bench.base))
+    fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
+    e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
+    return np.asarray(np.nan_to_num(np.nanmean(np.where(rows.used.any(axis=0), e, 0.0) ** 2, axis=0)))
 
 
 def at_rest(rows: TrialRows) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -197,10 +198,15 @@ class BaseRows:
             start += own.shape[2]
         there_are, number = np.unique(np.concatenate(self.block), return_inverse=True)
         merged = -(-len(there_are) // _MOST_BLOCKS)
-        parts = [(chunk.measured(), chunk.used, chunk.t, *_state(chunk)) for chunk in self.chunks]
-        y, used, t, c, cd, sample = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+        y, used, t, c, cd, sample = self._measured
         of = tuple((int(log[0]), chunk) for log, chunk in zip(self.log, self.chunks, strict=True))
         return TrialRows(W, y, used, number // merged, t, groups, c, cd, sample, np.concatenate(self.log), of)
+
+    @cached_property
+    def _measured(self) -> tuple[np.ndarray, ...]:
+        """Torque, whether it is used, time, position, velocity and sample of each row, (..., rows)."""
+        parts = [(chunk.measured(), chunk.used, chunk.t, *_state(chunk)) for chunk in self.chunks]
+        return tuple(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
 
 
 def excerpts(rows: BaseRows) -> Iterator[Motion]:

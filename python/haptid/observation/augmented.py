@@ -51,7 +51,7 @@ class ResidualContext:
         """The dynamic model of the estimate."""
         return self.plan.model
 
-    @property
+    @cached_property
     def history(self) -> dict[str, Array]:
         """Columns that the state does not determine, by name, each (samples,)."""
         return self.plan.history(self.low, self.high)

@@ -27,7 +27,7 @@ from haptid.motion.motion import Motion, treat, with_delay
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
 from haptid.treatment_choice.delay_columns import delay_columns, smooth_part
-from haptid.treatment_choice.first_fit import least_squares, solve_excited
+from haptid.treatment_choice.first_fit import least_squares, memory_of, solve_excited
 from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 from haptid.treatment_choice.parallel_choice import LOG_PARTS, parts_of
 from haptid.uncertainty.quantities import LEVEL, half_width
@@ -394,6 +394,7 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     problem = _problem(estimate.model, motions, estimate.free, delays.noise_hz)
     if delays.white or not _same_rows(problem, estimate, delays):
         return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
+    problem = replace(problem, known_memory=memory_of(estimate))
     moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
     # The mixture of priors draws the delays towards the hold, and what moves them with them.
     drawn = np.linalg.solve(by_rows + by_prior, delays.covariance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy import fft
@@ -11,6 +12,7 @@ from haptid._internal.arrays import Array
 from haptid._internal.signals import fast_length
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
+from haptid.estimation import Estimate
 from haptid.estimation.least_squares import Solution
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.motion import Motion
@@ -48,6 +50,17 @@ def residual_memory(model: DynamicModel, motions: Sequence[Motion], beta: Array)
         step = motion.treatment.decimation * motion.dt
         longest = max([longest, *(step * _integral(own) for own in e)])
     return longest
+
+
+# Of each estimate: the rounding of its positions and its delays ask for the same.
+_MEMORY: WeakKeyDictionary[Estimate, float] = WeakKeyDictionary()
+
+
+def memory_of(estimate: Estimate) -> float:
+    """The same of the free fit of an estimate, s."""
+    if estimate not in _MEMORY:
+        _MEMORY[estimate] = residual_memory(estimate.model, estimate.observation.motions, estimate.free)
+    return _MEMORY[estimate]
 
 
 def _integral(e: Array) -> float:

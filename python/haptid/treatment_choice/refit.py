@@ -14,7 +14,7 @@ from haptid.motion.motion import with_positions
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.treatment_choice.delay_columns import delay_columns
 from haptid.treatment_choice.delay_estimate import Delays, delay_prior
-from haptid.treatment_choice.first_fit import residual_memory, solve_excited
+from haptid.treatment_choice.first_fit import memory_of, solve_excited
 from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 
 
@@ -52,8 +52,7 @@ class Refit:
             known[:, p:-1] = np.linalg.inv(np.linalg.cholesky(delay_prior(many, delays.dt)))
             se = np.append(se, delays.se)
         step = rows.motions[0].treatment.decimation * rows.motions[0].dt
-        memory = residual_memory(rows.model, rows.motions, beta)
-        weights = estimate.weights / np.sqrt(max(memory / step, 1.0))
+        weights = estimate.weights / np.sqrt(max(memory_of(estimate) / step, 1.0))
         noise_hz = np.inf if delays is None else delays.noise_hz
         return Refit(rows, raw_parameters(rows.model, beta), beta, se, weights, known, noise_hz)
 
