@@ -217,6 +217,44 @@ def test_files_of_one_joint_and_quantity_each_are_one_log(tmp_path: Path, ends: 
             assert draft["channels"]["position"]["channels"] == ["shoulder_position", "elbow_position"]
 
 
+@pytest.mark.parametrize("ends", [("shoulder", "elbow"), ("joint1", "joint2")])
+@pytest.mark.parametrize("whole", [False, True])
+def test_runs_of_a_file_for_each_joint_are_a_log_each(tmp_path: Path, ends: tuple[str, str], whole: bool) -> None:
+    """They were drafted as a log of each joint, or as one of all runs."""
+    folder = tmp_path / "log"
+    for run in (1, 2):
+        for k, end in enumerate(ends):
+            if whole:
+                write(folder, f"run{run}_{end}.csv", np.column_stack([T, Q[:, k], TAU[:, k]]), "t,q,tau")
+            else:
+                write(folder, f"run{run}_{end}_q.csv", Q[:, k])
+                write(folder, f"run{run}_{end}_tau.csv", TAU[:, k])
+    assert names(recordings([folder], JOINTS), folder) == ["run1_*.csv", "run2_*.csv"]
+    (tmp_path / "device.toml").write_text(ELBOW)
+    draft = tomllib.loads(
+        draft_study([folder], haptid.read_device(tmp_path / "device.toml"), "device.toml", tmp_path)[0]
+    )
+    assert [log["path"] for log in draft["logs"]] == ["log/run1_*.csv", "log/run2_*.csv"]
+    own = "{}.q" if whole else "{}_q"
+    assert draft["channels"]["position"]["channels"] == [own.format(end) for end in ends]
+
+
+def test_runs_whose_files_no_pattern_names_need_folders(tmp_path: Path) -> None:
+    for run in (1, 2):
+        for k, end in enumerate(("shoulder", "elbow")):
+            write(tmp_path, f"{end}_{run}_q.csv", Q[:, k])
+            write(tmp_path, f"{end}_{run}_tau.csv", TAU[:, k])
+    with pytest.raises(errors.LogFileError, match=r"are of two joints of one run.*folder of its own"):
+        recordings([tmp_path], JOINTS)
+
+
+def test_runs_that_are_called_by_the_joint_that_they_move_have_all_joints(tmp_path: Path) -> None:
+    for run in (1, 2):
+        for end in ("shoulder", "elbow"):
+            write(tmp_path, f"run{run}_{end}.csv", np.column_stack([T, Q, TAU]), "t,q1,q2,tau1,tau2")
+    assert recordings([tmp_path], JOINTS) == []
+
+
 def test_runs_called_by_words_are_runs_of_a_device_with_other_joints(tmp_path: Path) -> None:
     for run in ("slow", "fast"):
         for quantity, array in (("q", Q), ("tau", TAU)):

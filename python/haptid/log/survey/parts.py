@@ -19,6 +19,8 @@ _BESIDE = WANTED_WORDS | MEASURED_WORDS | TREATED_WORDS | {"joint", "joints", "m
 _WORD = re.compile(r"[^/_\-. ]+")
 _BOUNDARY = re.compile(r"[/_\-. ]")
 _WHOLE = {"position", "torque"}
+# Words of joints by number.
+_NUMBERED_JOINT = r"(?:joint|axis|j|a)_?\d+"
 # Files of which each is looked at, where their names do not tell what they have.
 _LOOKED_AT = 8
 # Recordings that are named in a sentence.
@@ -57,6 +59,8 @@ def recordings(
     if len(found) > 1 and (itself or folder is None) and _are_joints(found, joints, drives):
         common = "" if itself or joints is None else _common(files)
         return [_folder_of(Path(common))] if common and _is_of(common, files) else []
+    if joints is not None and (found or (folder and _positions(files[0]) == 1)):
+        found = _runs_of_joints(found or files, joints, drives) or found
     for pattern in found:
         check_alone(pattern)
     return [_folder_of(pattern) for pattern in found] if not itself or len(found) > 1 else []
@@ -220,14 +224,58 @@ def _are_joints(
     ]
     if any(len(owners(names, known)) == len(names) for known in (joints, drives) if known):
         return True
-    if len(joints) % len(patterns):
-        return False
+    return not len(joints) % len(patterns) and _positions(patterns[0]) * len(patterns) == len(joints)
+
+
+def _positions(log: Path) -> int:
+    """Number of positions that a log seems to have; 0 where it cannot be read."""
     try:
-        first = survey(patterns[0])
+        found = survey(log)
     except HaptidError:
-        return False
-    positions = sum(channel.quantity == "position" for topic in first.topics for channel in topic.channels)
-    return positions * len(patterns) == len(joints)
+        return 0
+    return sum(channel.quantity == "position" for topic in found.topics for channel in topic.channels)
+
+
+def _runs_of_joints(
+    patterns: Sequence[Path], joints: Sequence[tuple[str, ...]], drives: Sequence[tuple[str, ...]]
+) -> list[Path]:
+    """Runs of which each has files for each joint, `run1_elbow_*.csv`, `run1_wrist_*.csv`, `run2_elbow_*.csv`, ...
+
+    Returns:
+        A path for each run, `run1_*.csv`; nothing where the paths are no such runs.
+
+    Raises:
+        LogFileError: they are, and the files of one cannot be named by a path with one `*`.
+    """
+    texts = [f"{pattern.parent.name}/{pattern.name}" for pattern in patterns]
+    every = [name for joint in (*joints, *drives) for name in joint]
+    for known in ("|".join(re.escape(name) for name in sorted(every, key=len, reverse=True)), _NUMBERED_JOINT):
+        own = re.compile(rf"(?<![^\W_])(?:{known})(?![^\W_])", re.I)
+        runs: dict[str, dict[str, Path]] = {}
+        for pattern, text in zip(patterns, texts, strict=True):
+            found = {match[0].lower() for match in own.finditer(text)}
+            if len(found) == 1:
+                runs.setdefault(own.sub("#", text), {})[found.pop()] = pattern
+        of_joints = {frozenset(run) for run in runs.values()}
+        if len(runs) < 2 or len(of_joints) != 1 or sum(map(len, runs.values())) < len(patterns):
+            continue
+        if len(next(iter(of_joints))) == len(joints) > 1:
+            return [_of_one_run(list(run.values())) for run in runs.values()]
+    return []
+
+
+def _of_one_run(patterns: Sequence[Path]) -> Path:
+    """The path with one `*` of the files of all joints of a run."""
+    files = [file for pattern in patterns for file in log_files(pattern)]
+    common = _common(files)
+    if not common or not _is_of(common, files):
+        raise LogFileError(
+            f"{patterns[0].name} and {patterns[1].name} are of two joints of one run, whose files cannot be one log by "
+            "a path with one `*`.",
+            where=patterns[0],
+            advice="Put the files of each run into a folder of its own.",
+        )
+    return Path(common)
 
 
 def _common(files: Sequence[Path]) -> str:
