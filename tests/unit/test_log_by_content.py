@@ -115,6 +115,16 @@ def test_a_joint_that_does_not_move_keeps_its_place() -> None:
     assert (found.positions, found.torques) == (("q0", "q1", "q2"), ("tau0", "tau1", "tau2"))
 
 
+def test_a_group_whose_last_columns_stand_still_is_named_beside_the_first_one() -> None:
+    """Torque sensors at some joints only, behind the motors' currents, were not mentioned."""
+    parts = signals()
+    sensed = parts["tau"] * 2.0 + 0.1
+    sensed[:, 2] = 0.0
+    table = np.hstack([parts["t"], parts["q"], parts["qd"], parts["tau"], sensed])
+    found = Content.of({f"c{k}": column for k, column in enumerate(table.T)})
+    assert (found.torques, found.others) == (("c7", "c8", "c9"), (("c10", "c11", "c12"),))
+
+
 def test_nothing_is_recognised_in_noise_and_in_short_tables() -> None:
     noise = {f"c{k}": RNG.standard_normal(2000) for k in range(12)}
     assert Content.of(noise) == Content()
