@@ -340,6 +340,9 @@ class DynamicModel:
 
     def speed(self, term: TermColumn, c: Array, cd: Array) -> Array:
         """Velocity that a term acts on, (samples,); arguments as in `shares`."""
+        if term.joint is None:
+            acting = np.flatnonzero(term.weights)  # mostly one
+            return np.asarray((term.weights[acting, None] * cd[acting]).sum(axis=0))
         return np.asarray((self.shares(term, c, cd) * cd).sum(axis=0))
 
     def shares(self, term: TermColumn, c: Array, cd: Array) -> Array:

@@ -299,15 +299,15 @@ def _noise(f: Array, power: Array) -> Array:
     """Noise from the top down, band by band: the median of a band, and nowhere steeper than f^-STEEPEST."""
     edges = f[-1] * 2.0 ** (-np.arange(0, np.log2(f[-1] / f[0]) * _BANDS + 1) / _BANDS)
     starts = np.searchsorted(f, edges, side="right")
+    nearest, farthest = (np.searchsorted(f, ends, side="right") for ends in (edges[1:] / 1.2, edges[:-1] * 1.2))
+    centres = np.sqrt(edges[:-1] * edges[1:]).tolist()
     noise, level, at = np.empty_like(power), 0.0, 0.0
-    for stop, start, high, low in zip(starts[:-1], starts[1:], edges[:-1], edges[1:], strict=True):
+    for stop, start, low, high, centre in zip(starts[:-1], starts[1:], nearest, farthest, centres, strict=True):
         if stop == start:
             continue
-        near = power[np.searchsorted(f, low / 1.2, side="right") : np.searchsorted(f, high * 1.2, side="right")]
-        near = np.sort(near)  # the median of so few takes `np.median` much longer
+        near = np.sort(power[low:high])  # the median of so few takes `np.median` much longer
         middle = 0.5 * float(near[(len(near) - 1) // 2] + near[len(near) // 2])
         here = middle / np.log(2) if len(near) > 2 else float(near[0])
-        centre = float(np.sqrt(high * low))
         level, at = (min(here, level * (at / centre) ** _STEEPEST) if at else here), centre
         noise[start:stop] = level
     noise[: starts[-1]] = level

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -140,7 +140,7 @@ class Treatment:
             raise bad_setting("cutoff_hz", cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
         return low_pass(self.order, one_pass)
 
-    @property
+    @cached_property
     def position_lead_s(self) -> float:
         """The part of `torque_delay_s` by which filtered positions are evaluated later, s: the channels' median.
 
@@ -149,7 +149,7 @@ class Treatment:
         """
         return 0.0 if self.cutoff_hz is None else float(np.median(self.torque_delay_s))
 
-    @property
+    @cached_property
     def torque_shift_s(self) -> float | tuple[float, ...]:
         """The rest of `torque_delay_s`, by which the torque itself is shifted to later samples, s."""
         lead = self.position_lead_s
