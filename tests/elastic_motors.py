@@ -59,8 +59,8 @@ def recorded(seed: int = 1, seconds: float = 20.0, offset: float | None = None) 
     return haptid.Log(Path("made"), "", t, seen, torques, channels)
 
 
-def treated(log: haptid.Log) -> haptid.Motion:
-    settings = haptid.Treatment(cutoff_hz=80.0, decimation=10, parallel_cutoff_hz=25.0)
+def treated(log: haptid.Log, cutoff_hz: float = 80.0, parallel_cutoff_hz: float = 25.0) -> haptid.Motion:
+    settings = haptid.Treatment(cutoff_hz=cutoff_hz, decimation=10, parallel_cutoff_hz=parallel_cutoff_hz)
     return haptid.treat(log, settings)
 
 

@@ -12,12 +12,13 @@ import haptid
 from elastic_motors import DT, STEP, TRUTH, K, arm, assert_within, axis, recorded, treated
 from haptid.errors import IdentifiabilityError
 from haptid.estimation import MotorSide
-from haptid.estimation.methods.motor_side import with_noise_uncertainty
+from haptid.estimation.methods.motor_noise import with_noise_uncertainty
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.estimation.torque_uncertainty import other_motion
 from haptid.experiment import bench
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
+from haptid.treatment_choice.elasticity import noise_of_stiffness
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 from motions import motion
 
@@ -145,12 +146,44 @@ def test_noise_above_the_motion_stays_out_of_the_rows():
     assert abs(found["KE1"].value / K - 1) < 0.1
 
 
+def test_filters_are_narrowed_until_noise_is_a_small_part_of_the_stiffness():
+    """Encoders of 9 bits: behind 1.5 times the motion's bandwidth half of what tells stiffness is noise."""
+    _, found = complete_logs(axis(), [behind_encoder(9)], [True], torque_delay_s=0.0)
+    assert_within(with_noise_uncertainty(found))
+    assert abs(found["KE1"].value / K - 1) < 0.1
+    assert noise_of_stiffness(found) < 0.1
+
+
 def test_stiffness_that_noise_of_the_motors_hides_is_refused():
-    """Encoders of 8 bits, of which the largest torsion is two and a half steps."""
+    """Encoders of 8 bits, of which the largest torsion is two and a half steps, behind a filter that is given."""
     with pytest.raises(IdentifiabilityError) as caught:
-        complete_logs(axis(), [behind_encoder(8)], [True], torque_delay_s=0.0)
+        complete_logs(axis(), [behind_encoder(8)], [True], torque_delay_s=0.0, parallel_cutoff_hz=12.0)
     assert "noise of the encoders" in str(caught.value)
     assert "times as fine" in caught.value.advice
+
+
+def test_noise_of_the_encoders_does_not_soften_the_spring():
+    """Least squares chooses a model that amplifies less of the noise: one motion on lattices that lie elsewhere."""
+    model, log, step = axis(), recorded(seconds=6.0), 2 * np.pi / 2**10
+    plain, corrected = [], []
+    for place in np.arange(6) / 6:
+        seen = np.ascontiguousarray(step * (np.round(log.position[:, [1, 1]] / step - place) + place))
+        observation = haptid.observe(model, treated(replace(log, position=seen), parallel_cutoff_hz=14.0))
+        method = MotorSide(initial=TRUTH)
+        corrected.append(haptid.estimate(observation, method)["KE1"].value)
+        plain.append(haptid.estimate(method.rows(observation), haptid.WLS())["KE1"].value)
+    scatter = np.std(corrected, ddof=1) / np.sqrt(len(corrected))
+    assert abs(np.mean(corrected) - K) < 4 * scatter
+    assert K - np.mean(plain) > 4 * scatter
+
+
+def test_a_position_filter_near_the_motion_leaves_no_bias():
+    """Cut-off at 1.2 times the highest frequency: the torque passes the same filter."""
+    model, log = axis(), recorded()
+    motion = treated(log, cutoff_hz=13.0, parallel_cutoff_hz=5.0)
+    found = haptid.estimate(haptid.observe(model, motion), MotorSide(initial=TRUTH))
+    assert_within(found)
+    assert abs(found["KE1"].value / K - 1) < 0.02
 
 
 def test_links_that_inertia_couples_are_found_from_their_motors_alone():

@@ -15,7 +15,7 @@ from elastic_motors import FV, FVM, IA, TRUTH, D, J, K, axis
 from haptid.cli import app
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.errors import IdentifiabilityError, LogTimeError
-from haptid.estimation.methods.motor_side import with_noise_uncertainty
+from haptid.estimation.methods.motor_noise import with_noise_uncertainty
 from haptid.inference import multisine_response
 from haptid.treatment_choice.hidden_joints import complete_logs
 from json_outputs import valid

@@ -15,12 +15,12 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.torque_faults import clipped
 from haptid.log import Log, OnDisk
+from haptid.log.lattice import Lattice, lattices
 from haptid.log.noise_alone import noise_alone
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.augmented import torque_of
-from haptid.treatment_choice.rounding import Lattice, lattices
 
 # A channel is dead if more than this share of its samples is one value while its joint moves,
 DEAD = 0.3

@@ -12,7 +12,7 @@ be longer than the segment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -132,6 +132,12 @@ class DrivenJoints:
         else:
             begin = self._begin + self._by_beta @ (beta - self._at)
         return self._condensed(beta, self._linearised(forward, begin, self._simulate(forward, begin)))
+
+    def at(self, motion: Motion) -> DrivenJoints:
+        """The same joints along other positions nearby, with the measured torque and beginnings of these."""
+        made = replace(self, motion=motion)
+        made.measured, made._begin, made._by_beta, made._at = self.measured, self._begin, self._by_beta, self._at
+        return made
 
     def apart(self, beta: Array, begin: Array | None = None) -> SegmentCourses:
         """Simulate segments from beginnings of their own, (segments, 2u); without vibration where None.

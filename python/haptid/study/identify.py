@@ -16,7 +16,7 @@ from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import EstimationError, NoRowsError, SharedRowsError
 from haptid.estimation import Estimate, MotorSide
-from haptid.estimation.methods.motor_side import with_noise_uncertainty
+from haptid.estimation.methods.motor_noise import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.executors import Executor

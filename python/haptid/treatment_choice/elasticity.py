@@ -21,7 +21,8 @@ from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, LogTimeError
 from haptid.estimation import Estimate
-from haptid.estimation.methods.motor_side import shares_of_motor_noise
+from haptid.estimation.methods.errors_in_variables import MOST_NOISE
+from haptid.estimation.methods.motor_noise import shares_of_motor_noise
 from haptid.log import Log
 from haptid.log.spectrum import bandwidth, spectra
 from haptid.motion.motion import treat
@@ -101,6 +102,31 @@ def expect_stiffness_of_motors(found: Estimate, highest: float) -> None:
     """
     _expect_little_noise(found, shares_of_motor_noise(found), highest, _OF_MOTORS)
     expect_known(found, highest)
+
+
+def noise_of_stiffness(found: Estimate) -> float:
+    """Largest share of the encoders' noise in what distinguishes a stiffness; `found` is by `MotorSide`."""
+    shares = shares_of_motor_noise(found)
+    springs = [parameters_of(found.model, drive, "spring") for drive in found.model.device.elastic]
+    return max((float(shares[found.names.index(name)]) for names in springs for name in names), default=0.0)
+
+
+def hidden_stiffness(model: DynamicModel, error: IdentifiabilityError, highest: float) -> IdentifiabilityError:
+    """The error of logs whose noise hides a direction of the parameters, with the motion that would show it.
+
+    Args:
+        model: with elastic motors.
+        error: by `MotorSide`; returned as it is where it is of something else.
+        highest: frequency that the motion goes up to, Hz.
+    """
+    if error.limit != MOST_NOISE:
+        return error
+    natures = ("spring", "viscous", "rotor")
+    own = {
+        n: drive for drive in model.device.elastic for nature in natures for n in parameters_of(model, drive, nature)
+    }
+    name = str(error.where)
+    return _hidden(own.get(name, model.device.elastic[0]), name, float(error.found), highest, MOST_NOISE)
 
 
 def _expect_little_noise(found: Estimate, shares: Array, highest: float, limit: float) -> None:

@@ -33,19 +33,19 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
-from haptid.treatment_choice.elasticity import expect_stiffness_of_motors
+from haptid.treatment_choice.elasticity import expect_stiffness_of_motors, hidden_stiffness, noise_of_stiffness
 from haptid.treatment_choice.motion_filters import MotionFilters
 from haptid.treatment_choice.propose import TRIED, Proposal, propose
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
 # Least damping ratio of initial values.
 _LEAST_DAMPING = 0.02
+# Parallel filters that are tried until little of a stiffness is noise, over the proposed one, and such a share.
+_FILTERS, _NOISE = (1.0, 2 / 3, 1 / 2, 1 / 3), 0.1
 # Length of log that initial values are found on, s.
 _SECONDS = 10.0
 # Highest frequency of a link that is simulated from sample to sample, over the sampling rate.
 _SAMPLED = 0.2
-# Convergence of the first estimate, standard errors.
-_ROUGH = 1.0
 # End of the names of the channels that are added.
 _SIMULATED = " (simulated)"
 
@@ -92,8 +92,12 @@ def complete_logs(
     part = chosen[0].busiest(_SECONDS)
     # All inertia in the links: which of the two a rigid model would have it in is a matter of the order of its terms.
     rigid_fit = estimate(_rows(_without(model, "elastic", "rotor-inertia"), [part], treatment), WLS())
-    observation = _rows(model, [_followed(model, log) for log in chosen], treatment)
-    method = MotorSide(tolerance=_ROUGH)
+    followed, method = [_followed(model, log) for log in chosen], MotorSide()
+    filters = (
+        [treatment]
+        if treatment.parallel_cutoff_hz is None or "parallel_cutoff_hz" in given
+        else [replace(treatment, parallel_cutoff_hz=share * treatment.parallel_cutoff_hz) for share in _FILTERS]
+    )
     frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
     try:
         motion = treat(_followed(model, part), treatment)
@@ -101,12 +105,38 @@ def complete_logs(
         start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
         frequencies = start.frequencies
         _expect_between_samples(part, frequencies)
-        initial = _stable(observation, start)
-        found = estimate(observation, replace(method, initial=initial))
+        found = _with_little_noise(model, followed, filters, start)
+    except IdentifiabilityError as error:
+        raise hidden_stiffness(model, error, proposal.bandwidth_hz) from error
     except (ConvergenceError, SimulationError) as error:
         raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
     expect_stiffness_of_motors(found, proposal.bandwidth_hz)
     return [_simulated(found, _followed(model, log), treatment) for log in logs], found
+
+
+def _with_little_noise(
+    model: DynamicModel, logs: Sequence[Log], filters: Sequence[Treatment], start: SpringStart
+) -> Estimate:
+    """The estimate behind the first filter that leaves little noise of the encoders in the columns of the stiffness.
+
+    Raises:
+        HaptidError: as `estimate`, behind the last filter.
+    """
+    initial, found = None, None
+    for treatment in filters:
+        observation = _rows(model, logs, treatment)
+        initial = initial or _stable(observation, start)
+        try:
+            found = estimate(observation, MotorSide(initial=initial))
+        except (ConvergenceError, IdentifiabilityError, SimulationError):
+            if treatment is filters[-1]:
+                raise
+            continue
+        initial = dict(zip(found.names, found.beta.tolist(), strict=True))
+        if noise_of_stiffness(found) <= _NOISE:
+            break
+    assert found is not None
+    return found
 
 
 def _proposed(rigid: DynamicModel, logs: Sequence[Log], given: Mapping[str, Any]) -> Proposal:

@@ -23,6 +23,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log
+from haptid.log.lattice import lattices
 from haptid.log.spectrum import Spectrum, widest
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
@@ -30,8 +31,6 @@ from haptid.treatment_choice.delay_estimate import Delays
 from haptid.treatment_choice.first_fit import solve_excited
 from haptid.treatment_choice.refit import Refit
 
-# Lattices that positions are rounded to, and by how much their steps differ from the encoder's, at most.
-_LATTICES, _STEPS = 8, 0.1
 # Random signs, and the standard deviations above their mean from which on the errors of blocks add up.
 _SIGNS, _BEYOND = 100, 2.0
 # Lattices after which it ends where the shifts of all estimates are below such a share of their standard errors.
@@ -125,33 +124,3 @@ def _add_up(parts: Array) -> bool:
     signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(_SIGNS, *own.shape[:2]))
     chance = np.sum(np.einsum("slb,lbk->slk", signs, own) ** 2, axis=(1, 2))
     return bool(np.sum(own.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
-
-
-@dataclass(frozen=True, eq=False)
-class Lattice:
-    """A lattice of each channel that lies elsewhere than that of its encoder.
-
-    Attributes:
-        place: by which it is moved, as a share of its step, (channels,).
-        size: its step over the encoder's, (channels,).
-    """
-
-    place: Array
-    size: Array
-
-    def rounded(self, q: Array, steps: Array) -> Array:
-        """Positions, (n, channels), on it; as they are where the encoder's step is 0."""
-        step = np.where(steps > 0, steps * self.size, 1.0)
-        return np.where(steps > 0, (np.round(q / step - self.place) + self.place) * step, q)
-
-
-def lattices(channels: int) -> tuple[Lattice, ...]:
-    """Shifted and rescaled lattices for a number of channels.
-
-    Each channel's places are spread evenly over a step, in an order of its own, and so are the sizes of the steps.
-    """
-    rng = np.random.default_rng(0)
-    places = np.array([rng.permutation(_LATTICES) for _ in range(channels)]).T / _LATTICES
-    spread = np.linspace(1 - _STEPS, 1 + _STEPS, _LATTICES)
-    sizes = np.array([rng.permutation(spread) for _ in range(channels)]).T
-    return tuple(map(Lattice, places, sizes))

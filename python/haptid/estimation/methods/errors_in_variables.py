@@ -22,6 +22,7 @@ from haptid.observation.rows import Rows, chunks_of
 
 # Largest share of noise in the information on a direction; with more, the corrected equations are ill-conditioned.
 MOST_NOISE = 0.5
+_ADVICE = "Lower the cut-off of the position filter, check the resolution of the encoders, or use WLS()."
 # Kinds of parameters whose columns are known exactly: signs of velocity, and ones.
 EXACT_KINDS = ("FC", "OFF")
 
@@ -91,12 +92,13 @@ def smallest_generalised_eigenvalue(stack: Array, noisy: np.ndarray, C: Array) -
     return float(np.linalg.svd(scaled, compute_uv=False)[-1]) ** 2
 
 
-def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Array]) -> Fit:
+def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Array], advice: str = _ADVICE) -> Fit:
     """Least squares with the noise subtracted from the normal equations: (W'W - N) beta = W'y - n.
 
     Args:
         weights: of each motor's rows, (motors,).
         noise: expected squares of the noise of every motor's blocks in weighted rows, each (blocks, p + 1, p + 1).
+        advice: of the error.
 
     Raises:
         IdentifiabilityError: more than half of the information on a direction of the parameters would be noise.
@@ -114,7 +116,7 @@ def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Ar
             where=name,
             found=share,
             limit=MOST_NOISE,
-            advice="Lower the cut-off of the position filter, check the resolution of the encoders, or use WLS().",
+            advice=advice,
         )
     root = plain.root @ (vectors / np.sqrt(1.0 - shares))
     beta = plain.beta + root @ root.T @ (N[:-1, :-1] @ plain.beta - N[:-1, -1])

@@ -1,0 +1,103 @@
+"""What noise of the motors' encoders leaves uncertain in an estimate from the motor side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.estimation.estimate import Estimate
+from haptid.estimation.method import Fit
+from haptid.estimation.methods.motor_side import MotorSide
+from haptid.estimation.methods.simulation_based import Linearised, base_columns, linearised_observation
+from haptid.log.lattice import lattices
+from haptid.log.spectrum import spectra
+from haptid.motion.motion import Motion, with_positions
+from haptid.simulation import smooth
+from haptid.simulation.driven import DrivenJoints
+
+# Share of the correction for the encoders' noise within which it is known.
+_KNOWN = 0.3
+# Share of noise in what distinguishes a parameter below which its rounding is not drawn again.
+_MATTERS = 1e-3
+# Note on the intervals.
+FEW_LOGS = (
+    "Intervals from the motor side alone have been studied on few simulated logs, and single errors were four standard "
+    "errors: take them for a lower bound of the uncertainty. Positions of both sides have intervals that are validated."
+)
+# Passes until segments along other positions meet.
+_PASSES = 3
+
+
+def with_noise_uncertainty(fitted: Estimate) -> Estimate:
+    """The estimate with what is not known of the encoders' noise in its covariance.
+
+    The scatter of few blocks shows the variance by rounding within a third or so, and where it happens to be small the
+    error does not: that variance is computed too, from positions that are rounded to other lattices, and what the
+    scatter does not show of it is added.
+
+    Args:
+        fitted: by `MotorSide`; its motions hold the simulated joints.
+    """
+    fit, p = fitted.fit, len(fitted.beta)
+    if fit.noise is None:
+        return fitted
+    N, inverse = _summed(fit), fit.solution.root @ fit.solution.root.T
+    correction = np.asarray(_KNOWN * (inverse @ (N[:p, :p] @ fitted.beta - N[:p, p]))[None], dtype=np.float64)
+    if shares_of_motor_noise(fitted).max() > _MATTERS:
+        shifts = _by_rounding(fitted) @ inverse
+        whole = float(np.mean(np.mean(shifts**2, axis=0) / fitted.se**2))
+        share = max(0.0, 1.0 - 1.0 / whole) if whole > 0 else 0.0
+        fitted = fitted.with_nuisance("rounding of the encoders", shifts * np.sqrt(share / len(shifts)))
+    fitted = fitted.with_nuisance("noise of the encoders", correction)
+    return replace(fitted, notes=(*fitted.notes, FEW_LOGS))
+
+
+def shares_of_motor_noise(fitted: Estimate) -> Array:
+    """Share of the encoders' noise in the part of each column that no other column explains, (p,).
+
+    Args:
+        fitted: by `MotorSide`.
+    """
+    fit, p = fitted.fit, len(fitted.beta)
+    W, N = fit.observation.stack(fit.weights)[:, :p], _summed(fit)[:p, :p]
+    v = np.linalg.inv(W.T @ W)
+    return np.asarray(np.einsum("ij,ik,kj->j", v, N, v) / np.diag(v))
+
+
+def _summed(fit: Fit) -> Array:
+    """Squares of the noise in all weighted rows, (p + 1, p + 1)."""
+    assert fit.noise is not None
+    return np.asarray(np.sum([blocks.sum(axis=0) for blocks in fit.noise], axis=0))
+
+
+def _by_rounding(fitted: Estimate) -> Array:
+    """Score of the weighted rows by the rounding of positions to each of some lattices, (lattices, p)."""
+    method, observation = fitted.method, fitted.observation
+    assert isinstance(method, MotorSide)
+    rows = replace(observation, motors=fitted.fit.observation.motors)
+    smoothed, base = smooth(fitted.model, observation.motions, method.friction), base_columns(fitted.model)
+    parts: list[list[Linearised]] = []
+    for motion in observation.motions:
+        along = DrivenJoints(smoothed, motion, method.segments(motion), base)
+        for _ in range(_PASSES):
+            plain = along.course(fitted.beta)
+        along.measured = plain.torque
+        made = (along.at(moved).course(fitted.beta) for moved in _rounded(motion))
+        parts.append([Linearised(motion, plain.torque - one.torque, plain.slope) for one in made])
+    scores = np.zeros((len(parts[0]), len(fitted.beta)))
+    for score, own in zip(scores, zip(*parts, strict=True), strict=True):
+        changed = linearised_observation(rows, np.zeros(len(fitted.beta)), own, [motor.unit for motor in rows.motors])
+        W = changed.stack(fitted.fit.weights)
+        score[:] = W[:, :-1].T @ W[:, -1]
+    return scores
+
+
+def _rounded(motion: Motion) -> list[Motion]:
+    """The motion with its filtered positions rounded to each of some lattices; as it is without a log."""
+    every = lattices(motion.q.shape[1])
+    if motion.log is None:
+        return [motion for _ in every]
+    q, steps = np.asarray(motion.q[:]), np.array([own.step or own.recorded for own in spectra(motion.log)])
+    return [with_positions(motion, lattice.rounded(q, steps)) for lattice in every]
