@@ -5,7 +5,8 @@ branch on the virtual bench, with dry friction of the motors: 15 s of multisine 
 bits on both sides or of 4000 counts on geared shafts, a new motion in each run, treated as proposed. A run that haptid
 refuses counts as refused. With `--motors-alone` the links' positions are left out, and nothing else is given. With
 `--minutes M` no run begins later than that; those that were done are counted, and the next call goes on behind them.
-`--device NAME` takes one device alone. Figures of cases without a run stay as they were recorded.
+`--device NAME` takes one device alone, `--encoders NAME` one kind of encoder, `--first N` seeds from N on. Figures of
+cases without a run stay as they were recorded.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.errors import HaptidError
-from haptid.estimation.methods.motor_side import with_noise_uncertainty
+from haptid.estimation.methods.motor_noise import with_noise_uncertainty
 from haptid.experiment import bench
 from haptid.motion.channels import position_channels
 from haptid.treatment_choice.elasticity import expect_elasticity
@@ -272,7 +273,15 @@ def summary(lines: Sequence[tuple[tuple[str, str, int], dict[str, list[float]] |
         made = [found for found in own if not isinstance(found, str)]
         label = f"{name}, {encoders}"
         figures |= {f"{label}: runs": len(own), f"{label}: refused": len(own) - len(made)}
-        for what, kind in (("stiffness", "KE"), ("damping", "DE"), ("all parameters", "")):
+        beyond = [any(abs(e) > 3 * s for n, (e, s, _) in found.items() if n.startswith(("KE", "DE"))) for found in made]
+        figures[f"{label}: logs with stiffness or damping beyond three standard errors"] = sum(beyond)
+        for what, kind in (
+            ("stiffness", "KE"),
+            ("damping", "DE"),
+            ("rotor inertia", "IROTOR"),
+            ("friction", "F"),
+            ("all parameters", ""),
+        ):
             errors = np.array([values for found in made for n, values in found.items() if n.startswith(kind)])
             if len(errors):
                 inside = np.abs(errors[:, 0]) <= np.abs(errors[:, 2])
@@ -289,13 +298,15 @@ def main() -> None:
     parser.add_argument("--motors-alone", action="store_true")
     parser.add_argument("--minutes", type=float, default=np.inf)
     parser.add_argument("--device", choices=PLANTS)
+    parser.add_argument("--encoders", choices=ENCODERS)
+    parser.add_argument("--first", type=int, default=0)
     options = parser.parse_args()
     kept, end = options.kept, time.monotonic() + 60 * options.minutes
-    encoders = [name + ALONE * options.motors_alone for name in ENCODERS]
+    encoders = [name + ALONE * options.motors_alone for name in ENCODERS if options.encoders in (None, name)]
     devices = [options.device] if options.device else list(PLANTS)
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {tuple(line[0]) for line in lines}
-    runs = [(n, e, k) for k in range(RUNS) for n in devices for e in encoders]
+    runs = [(n, e, k) for k in range(options.first, options.first + RUNS) for n in devices for e in encoders]
     left = iter([run for run in runs if run not in done])
     with kept.open("a") as out, ProcessPoolExecutor(processes := int(os.environ.get("PROCESSES", "1"))) as pool:
         while time.monotonic() < end and (some := list(islice(left, processes))):
