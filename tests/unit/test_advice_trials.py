@@ -52,6 +52,14 @@ def test_what_applying_leaves_out_and_does_not_prove_is_said():
     assert only.endswith("40.0 % instead of 55.0 %.")
 
 
+def test_what_was_not_judged_behind_a_wrong_mounting_is_to_be_tried_again():
+    """An arm on a wall lacked constant torques too, which showed in a second run that nothing asked for."""
+    mounting = Action("mounting", ("the base",), "set", "unseen error", 109.0, 5.9, 1.0, 0.99, True, ())
+    made = Applied(Path("out/study.toml"), (mounting,), 106.0, 5.04, None)
+    *_, last = written_sentences(Advice((mounting,), 109.0, 5.9, (), 9), made)
+    assert last == "Other changes were not judged without mounting: `haptid advise out/study.toml` tries them now."
+
+
 def test_rows_without_candidates_are_fitted_as_those_with_them():
     """Positions are tried on matrices of the base columns alone; with every candidate's they fill gigabytes."""
     rows, made = bench(factor=3.0)

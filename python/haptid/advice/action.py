@@ -20,6 +20,8 @@ Proof = Literal["unseen error", "consistent fit", "possible bodies", "prior bodi
 SHOWN = 6
 # Factor by which the first action lowers the error where it explains the rest, and by which the others leave more.
 _EXPLAINS = 3.0
+# Assumptions about a whole log, without which nothing else is judged.
+WHOLE_LOG = ("side", "mounting", "joint order", "joint zeros")
 # Kinds that leave rows out.
 MASKS = ("dead torque", "noise alone", "stuck position", "contact", "rest", "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.

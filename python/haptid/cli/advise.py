@@ -80,7 +80,7 @@ def advise(
 
 def written_sentences(advice: Advice, made: Applied) -> Iterator[str]:
     """What was written, with its error; proofs that this error says nothing of; and what is not in it."""
-    from haptid.advice.action import MASKS
+    from haptid.advice.action import MASKS, WHOLE_LOG
     from haptid.inference.diagnosis.finding import joined_names
     from haptid.uncertainty.figures import per_cent
 
@@ -92,3 +92,6 @@ def written_sentences(advice: Advice, made: Applied) -> Iterator[str]:
     without = [f"{a.kind} ({joined_names(a.places)})" for a in advice.combination if a.kind in MASKS and not a.edits]
     if without:
         yield f"Not in it, as no file can say it: {joined_names(without)}. Mend that, and record again."
+    if first := [action.kind for action in made.actions if action.kind in WHOLE_LOG]:
+        again = f"`haptid advise {made.study}` tries them now."
+        yield f"Other changes were not judged without {joined_names(first)}: {again}"
