@@ -13,6 +13,7 @@ from scipy import io
 from typer.testing import CliRunner
 
 from haptid.cli import app
+from haptid.log import read_log
 from haptid.log.survey import survey
 from haptid.log.survey.beside import stated_rate
 
@@ -112,3 +113,11 @@ def test_numbers_that_disagree_state_no_rate() -> None:
     assert stated_rate({"dt": np.array([DT]), "fs": np.array([1 / DT])})[0] == pytest.approx(1 / DT)
     assert stated_rate({"dt": np.array([DT]), "control_rate": np.array([1000.0])}) == (0.0, "")
     assert stated_rate({"mass": np.array([2.0]), "fs": np.array([0.0]), "name": np.array(["x"])}) == (0.0, "")
+
+
+def test_channels_that_are_taken_say_what_a_list_calls_them(tmp_path: Path) -> None:
+    """A study without `[channels]` has them in the order of the columns, whatever the device's is."""
+    np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU, joint_names=np.array(NAMES))
+    assert any("calls the positions elbow, shoulder, wrist" in note for note in read_log(tmp_path / "log.npz").notes)
+    np.savez(tmp_path / "plain.npz", t=T, q=Q, tau=TAU)
+    assert not any("calls the positions" in note for note in read_log(tmp_path / "plain.npz").notes)

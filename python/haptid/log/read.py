@@ -39,6 +39,20 @@ _LARGE, _LARGE_TOGETHER, _LARGE_AMONG_MANY = 2**26, 2**28, 2**20
 NO_WRAPS = (np.empty(0, np.intp), np.empty(0))
 
 
+def _taken(path: Path, kind: Format, notes: list[str]) -> Channels:
+    """The channels that are taken where none are given, which is noted, with the joints that a list calls them by."""
+    from haptid.log.survey.beside import listed_joints  # which knows the formats
+
+    channels, sentence = guess(path, kind.names(path), kind.units(path))
+    notes.append(sentence)
+    if joints := listed_joints(channels.position.channels, kind.beside(path)):
+        notes.append(
+            f"a list in the file calls the positions {', '.join(joints)}: they are taken in this order; where the "
+            "device's joints are in another one, name them in [channels]"
+        )
+    return channels
+
+
 def read_log(
     path: str | os.PathLike[str],
     channels: Channels | None = None,
@@ -68,8 +82,7 @@ def read_log(
     kind = format_of(path)
     notes: list[str] = []
     if channels is None:
-        channels, sentence = guess(path, kind.names(path), kind.units(path))
-        notes.append(sentence)
+        channels = _taken(path, kind, notes)
     if episodes is not None and kind is not LEROBOT:
         raise LogChannelError(
             f"{path} is {kind.name}, which has no episodes.",
@@ -229,8 +242,7 @@ def open_log(
         )
     notes: list[str] = []
     if channels is None:
-        channels, sentence = guess(path, kind.names(path), kind.units(path))
-        notes.append(sentence)
+        channels = _taken(path, kind, notes)
     reader = _FileReader(path, kind, channels, time_range, notes)
     if channels.velocity is not None:
         notes.append("velocities are not used: the log is opened and not read as a whole")

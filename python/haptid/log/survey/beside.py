@@ -67,6 +67,14 @@ def of_listed_joints(channels: Sequence[ChannelSurvey], texts: Mapping[str, tupl
     return [replace(channel, joint=channel.joint or named.get(channel.name, "")) for channel in channels]
 
 
+def listed_joints(channels: Sequence[str], beside: Mapping[str, RawChannel]) -> tuple[str, ...]:
+    """Joints that a list beside an array names, where the channels are all of its columns; nothing where none does."""
+    for array, own in _arrays(channels).items():
+        if list(channels) == own and (found := _lists_of(array, len(own), texts_beside(beside))):
+            return found[0]
+    return ()
+
+
 def stated_rate(beside: Mapping[str, RawChannel]) -> tuple[float, str]:
     """Rate that single numbers beside the samples state, Hz, and by what; 0 where none does, or they disagree."""
     found = {}
