@@ -121,3 +121,16 @@ def test_channels_that_are_taken_say_what_a_list_calls_them(tmp_path: Path) -> N
     assert any("calls the positions elbow, shoulder, wrist" in note for note in read_log(tmp_path / "log.npz").notes)
     np.savez(tmp_path / "plain.npz", t=T, q=Q, tau=TAU)
     assert not any("calls the positions" in note for note in read_log(tmp_path / "plain.npz").notes)
+
+
+def test_what_is_neither_text_nor_number_beside_the_samples_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"], file["q"], file["tau"] = T, Q, TAU
+        file["records"] = np.zeros(3, dtype=[("a", float), ("b", int)])
+        file["whole"] = h5py.SoftLink("/nowhere")
+        file.create_dataset("none", data=h5py.Empty("f"))
+        file["q"].attrs["owner"] = file["t"].ref
+        file.attrs["empty"] = h5py.Empty("f")
+        file.attrs["joint_names"] = list(NAMES)
+    assert [c.joint for c in survey(path).topics[0].channels if c.quantity == "position"] == list(NAMES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -74,13 +75,22 @@ def beside(path: Path) -> dict[str, RawChannel]:
         for name, dataset in _datasets(file, numbered=True).items():
             if text := text_of(dataset):
                 found[name] = np.array([text])
-            elif isinstance(dataset, h5py.Dataset) and dataset.shape is not None and dataset.size <= MOST_CHANNELS:
+            elif isinstance(dataset, h5py.Dataset) and _is_beside(dataset):
                 found[name] = _listed(dataset[()])
         for name, owner in owners.items():
-            for key, value in owner.attrs.items():
-                if not key.startswith("MATLAB"):
-                    found.setdefault(f"{name}.{key}" if name else key, _listed(value))
+            for key in owner.attrs:
+                # Attributes of types that HDF5 has and NumPy has not cannot be read, and are none of these.
+                with suppress(OSError, TypeError, ValueError, KeyError, RuntimeError):
+                    if not key.startswith("MATLAB"):
+                        found.setdefault(f"{name}.{key}" if name else key, _listed(owner.attrs[key]))
     return {name: values for name, values in found.items() if values.size and not name.startswith("#")}
+
+
+def _is_beside(dataset: Any) -> bool:
+    """Whether a dataset is a list of texts or one number, and in the file itself."""
+    if dataset.shape is None or dataset.external or dataset.is_virtual or dataset.size > MOST_CHANNELS:
+        return False
+    return h5py.check_string_dtype(dataset.dtype) is not None or (numeric(dataset.dtype) and dataset.size == 1)
 
 
 def _listed(value: Any) -> RawChannel:
