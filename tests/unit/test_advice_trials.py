@@ -449,6 +449,6 @@ def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kin
     torques = SimpleNamespace(of=lambda motor: motor)
     search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None, rows=None, torques=torques)
     assert [action.kind for action in module._units(search, ("", ""), diagnosis, set())] == kinds
-    # Not where the parameters make up for what another proven change mends, nor beside a dead channel.
+    # Not where the parameters make up for what another proven change mends, nor beside a gain of the channel.
     assert not list(module._units(search, ("", "mended"), diagnosis, set()))
-    assert not list(module._units(search, ("", ""), diagnosis, {("dead torque", "motor 1")}))
+    assert not list(module._units(search, ("", ""), diagnosis, {("gain", "motor 1")}))
