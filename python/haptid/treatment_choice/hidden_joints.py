@@ -93,9 +93,11 @@ def complete_logs(
     # All inertia in the links: which of the two a rigid model would have it in is a matter of the order of its terms.
     rigid_fit = estimate(_rows(_without(model, "elastic", "rotor-inertia"), [part], treatment), WLS())
     followed, method = [_followed(model, log) for log in chosen], MotorSide()
+    # Behind narrow filters the share of noise no longer tells what noise does to several motors that inertia couples.
+    several = len(model.device.elastic) > 1
     filters = (
         [treatment]
-        if treatment.parallel_cutoff_hz is None or "parallel_cutoff_hz" in given
+        if treatment.parallel_cutoff_hz is None or "parallel_cutoff_hz" in given or several
         else [replace(treatment, parallel_cutoff_hz=share * treatment.parallel_cutoff_hz) for share in _FILTERS]
     )
     frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
