@@ -52,12 +52,12 @@ def residual_memory(model: DynamicModel, motions: Sequence[Motion], beta: Array)
     return longest
 
 
-# Of each estimate: the rounding of its positions and its delays ask for the same.
+# Of each estimate, as long as it lives: its delays and the rounding of its positions ask for the same.
 _MEMORY: WeakKeyDictionary[Estimate, float] = WeakKeyDictionary()
 
 
 def memory_of(estimate: Estimate) -> float:
-    """The same of the free fit of an estimate, s."""
+    """Integral time of the residual of an estimate's free fit, as of `residual_memory`, s."""
     if estimate not in _MEMORY:
         _MEMORY[estimate] = residual_memory(estimate.model, estimate.observation.motions, estimate.free)
     return _MEMORY[estimate]
