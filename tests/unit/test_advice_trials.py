@@ -57,7 +57,10 @@ def test_what_was_not_judged_behind_a_wrong_mounting_is_to_be_tried_again():
     mounting = Action("mounting", ("the base",), "set", "unseen error", 109.0, 5.9, 1.0, 0.99, True, ())
     made = Applied(Path("out/study.toml"), (mounting,), 106.0, 5.04, None)
     *_, last = written_sentences(Advice((mounting,), 109.0, 5.9, (), 9), made)
-    assert last == "Other changes were not judged without mounting: `haptid advise out/study.toml` tries them now."
+    assert (
+        last
+        == "Behind a wrong mounting other changes could not be judged: `haptid advise out/study.toml` tries them now."
+    )
 
 
 def test_rows_without_candidates_are_fitted_as_those_with_them():

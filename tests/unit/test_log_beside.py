@@ -115,6 +115,29 @@ def test_numbers_that_disagree_state_no_rate() -> None:
     assert stated_rate({"mass": np.array([2.0]), "fs": np.array([0.0]), "name": np.array(["x"])}) == (0.0, "")
 
 
+@pytest.mark.parametrize(("name", "value"), [("freq", 2.0), ("Fs", 5.2), ("rate", 3.0), ("period", 0.5)])
+def test_a_frequency_of_the_motion_or_static_friction_is_no_rate(name: str, value: float) -> None:
+    assert stated_rate({name: np.array([value])}) == (0.0, "")
+
+
+def test_names_of_trials_are_none_of_joints(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU, trial_names=np.array(["slow", "mid", "fast"]))
+    assert {channel.joint for channel in survey(tmp_path / "log.npz").topics[0].channels} == {""}
+
+
+def test_titles_of_columns_are_no_joints(tmp_path: Path) -> None:
+    columns = ["t", *(f"q_{name} [deg]" for name in NAMES), *(f"tau_{name}" for name in NAMES)]
+    np.savez(tmp_path / "log.npz", data=np.column_stack([T, np.rad2deg(Q), TAU]), columns=np.array(columns))
+    assert survey(tmp_path / "log.npz").topics[0].joints == ()
+
+
+def test_bytes_that_are_no_text_do_not_spoil_a_file(tmp_path: Path) -> None:
+    note = np.array("Ger\xe4t".encode("latin-1"))
+    np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU, note=note, joint_names=np.array([n.encode() for n in NAMES]))
+    found = survey(tmp_path / "log.npz").topics[0].channels
+    assert [c.joint for c in found if c.quantity == "position"] == list(NAMES)
+
+
 def test_channels_that_are_taken_say_what_a_list_calls_them(tmp_path: Path) -> None:
     """A study without `[channels]` has them in the order of the columns, whatever the device's is."""
     np.savez(tmp_path / "log.npz", t=T, q=Q, tau=TAU, joint_names=np.array(NAMES))

@@ -125,6 +125,12 @@ def test_a_group_whose_last_columns_stand_still_is_named_beside_the_first_one() 
     assert (found.torques, found.others) == (("c7", "c8", "c9"), (("c10", "c11", "c12"),))
 
 
+def test_a_column_of_a_status_is_no_torque_of_a_joint_without_a_sensor() -> None:
+    parts = signals()
+    table = np.hstack([parts["t"], parts["q"], parts["qd"], parts["tau"][:, :2], np.ones_like(parts["t"])])
+    assert Content.of({f"c{k}": column for k, column in enumerate(table.T)}).torques == ()
+
+
 def test_nothing_is_recognised_in_noise_and_in_short_tables() -> None:
     noise = {f"c{k}": RNG.standard_normal(2000) for k in range(12)}
     assert Content.of(noise) == Content()

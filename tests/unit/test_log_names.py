@@ -232,6 +232,22 @@ def test_x_y_and_z_of_a_machine_are_its_joints(tmp_path: Path) -> None:
     assert tomllib.loads(survey(path).table)["channels"]["position"]["unit"] == "rad"
 
 
+def test_joints_that_are_called_x_y_and_z_are_joints(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, Q, P, Q + P, TAU, TAU + P, TAU - P))
+    np.savetxt(path, table, delimiter=",", header="t,PosX,PosY,PosZ,TorqueX,TorqueY,TorqueZ", comments="")
+    found = tomllib.loads(survey(path, joints=(("x",), ("y",), ("z",)), straight=[True, True, False]).table)["channels"]
+    assert found["position"]["channels"] == ["PosX", "PosY", "PosZ"]
+
+
+def test_units_in_a_header_do_not_make_joints_of_a_point(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, Q, P, Q + P, TAU, TAU + P, TAU - P))
+    header = "t,pos_x [m],pos_y [m],pos_z [m],force_x,force_y,force_z"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    assert survey(path).table == ""
+
+
 @pytest.mark.parametrize("joints", [(), (("shoulder",), ("elbow",), ("wrist",))])
 def test_torques_are_in_the_order_of_the_positions_by_their_numbers(
     tmp_path: Path, joints: tuple[tuple[str, ...], ...]

@@ -255,6 +255,16 @@ def test_runs_that_are_called_by_the_joint_that_they_move_have_all_joints(tmp_pa
     assert recordings([tmp_path], JOINTS) == []
 
 
+def test_runs_with_a_file_of_all_joints_for_each_quantity_are_a_log_each(tmp_path: Path) -> None:
+    """They are called by the joint that they move."""
+    for run in (1, 2):
+        for end in ("shoulder", "elbow"):
+            write(tmp_path, f"run{run}_{end}_q.csv", Q)
+            write(tmp_path, f"run{run}_{end}_tau.csv", TAU)
+    found = names(recordings([tmp_path], JOINTS), tmp_path)
+    assert sorted(found) == sorted(f"run{run}_{end}_*.csv" for run in (1, 2) for end in ("shoulder", "elbow"))
+
+
 def test_runs_called_by_words_are_runs_of_a_device_with_other_joints(tmp_path: Path) -> None:
     for run in ("slow", "fast"):
         for quantity, array in (("q", Q), ("tau", TAU)):

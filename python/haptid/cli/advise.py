@@ -92,6 +92,7 @@ def written_sentences(advice: Advice, made: Applied) -> Iterator[str]:
     without = [f"{a.kind} ({joined_names(a.places)})" for a in advice.combination if a.kind in MASKS and not a.edits]
     if without:
         yield f"Not in it, as no file can say it: {joined_names(without)}. Mend that, and record again."
-    if first := [action.kind for action in made.actions if action.kind in WHOLE_LOG]:
+    reversed_ = [a.kind for a in made.actions if a.kind == "torque sign" and a.proof == "unseen error"]
+    if first := dict.fromkeys([*(a.kind for a in made.actions if a.kind in WHOLE_LOG), *reversed_]):
         again = f"`haptid advise {made.study}` tries them now."
-        yield f"Other changes were not judged without {joined_names(first)}: {again}"
+        yield f"Behind a wrong {joined_names(list(first))} other changes could not be judged: {again}"

@@ -128,7 +128,7 @@ def _left(rows: NDArray[np.float64], left: Sequence[int], heads: Sequence[int], 
     """Groups as large as that of the positions, of the columns that are left and are no copies of those in use."""
     left = [k for k in left if not _copied(rows, k, used)]
     groups = [list(left[k : k + len(heads)]) for k in range(0, len(left), len(heads) or 1)] if heads else []
-    if groups:  # joints whose columns stand still at the end of the last one, as those without a sensor
+    if len(groups) > 1:  # joints whose columns stand still at the end of the last one, as those without a sensor
         last = groups[-1]
         while len(last) < len(heads) and last[-1] + 1 < len(rows) and np.ptp(rows[last[-1] + 1]) == 0:
             last.append(last[-1] + 1)

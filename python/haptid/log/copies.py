@@ -10,9 +10,9 @@ from haptid.log.log import Log
 
 # Samples of the pieces that are searched for, at most and at least, how many of them along the shorter log, and which
 # share of those with motion has to be found: simulated logs may begin with the same approach.
-_LONGEST, _SHORTEST, _PIECES, _FOUND = 1024, 64, 4, 0.5
+_LONGEST, _SHORTEST, _PIECES, _FOUND = 1024, 64, 4, 0.75
 # Samples of a log that its standard deviations are computed from, about.
-_SPREAD = 20_000
+_SPREAD = 2_000
 # Differences, in standard deviations, up to which samples are the same: files of five digits. Motions that a machine
 # repeats differ by its noise, of a thousandth and more.
 _SAME = 1e-4
@@ -40,23 +40,21 @@ def same_samples(one: Log, other: Log) -> tuple[float, float] | None:
         return None
     every = slice(None, None, max(1, shorter.t.size // _SPREAD))
     spread, count = _channels(shorter, every).std(axis=0), shorter.position.shape[1]
+    starts = np.linspace(0, shorter.t.size - size, _PIECES).astype(int).tolist()
+    pieces = [_channels(shorter, slice(start, start + size)) for start in starts]
+    shares = [np.divide(piece.std(axis=0), spread, out=np.zeros_like(spread), where=spread > 0) for piece in pieces]
+    moving = [k for k, share in enumerate(shares) if min(share[:count].max(), share[count:].max()) > _MOVES]
     found: list[int] = []
-    moving = 0
-    for start in np.linspace(0, shorter.t.size - size, _PIECES).astype(int):
-        piece = _channels(shorter, slice(start, start + size))
-        share = np.divide(piece.std(axis=0), spread, out=np.zeros_like(spread), where=spread > 0)
-        if share[:count].max() <= _MOVES or share[count:].max() <= _MOVES:
-            continue
-        moving += 1
-        most = int(np.argmax(share))
+    for number, k in enumerate(moving):
+        most = int(np.argmax(shares[k]))
         whole = longer.position[:, most] if most < count else longer.torque[:, most - count]
-        at = _nearest(whole, piece[:, most])
-        difference = _channels(longer, slice(at, at + size)) - piece
+        at = _nearest(whole, pieces[k][:, most])
+        difference = _channels(longer, slice(at, at + size)) - pieces[k]
         if (np.sqrt(np.mean(difference**2, axis=0)) <= _SAME * spread).all():
-            found.append(int(start) if shorter is other else at)
-    if not found or len(found) < _FOUND * moving:
-        return None
-    return float(other.t[found[0]]), float(other.t[found[0] + size - 1])
+            found.append(starts[k] if shorter is other else at)
+        if number + 1 - len(found) > (1 - _FOUND) * len(moving):
+            return None
+    return (float(other.t[found[0]]), float(other.t[found[0] + size - 1])) if found else None
 
 
 def _in_memory(log: Log) -> bool:

@@ -76,7 +76,8 @@ def beside(path: Path) -> dict[str, RawChannel]:
             if text := text_of(dataset):
                 found[name] = np.array([text])
             elif isinstance(dataset, h5py.Dataset) and _is_beside(dataset):
-                found[name] = _listed(dataset[()])
+                with suppress(OSError):  # behind a filter that is not here, or damaged: no sample is
+                    found[name] = _listed(dataset[()])
         for name, owner in owners.items():
             for key in owner.attrs:
                 # Attributes of types that HDF5 has and NumPy has not cannot be read, and are none of these.

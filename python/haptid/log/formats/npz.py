@@ -92,7 +92,7 @@ def beside(path: Path) -> dict[str, RawChannel]:
             if few and (numeric(dtype) or dtype.kind in "US") and info.file_size <= _MOST_MAPPING:
                 with archive.open(info) as member:
                     found[name] = npy.read_array(member, allow_pickle=False).ravel()
-    return {name: texts.astype(np.str_) if texts.dtype.kind == "S" else texts for name, texts in found.items()}
+    return {name: np.char.decode(x, "utf-8", "replace") if x.dtype.kind == "S" else x for name, x in found.items()}
 
 
 def _single(path: Path) -> dict[str, RawChannel]:

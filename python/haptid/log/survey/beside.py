@@ -22,8 +22,8 @@ _PERIOD = re.compile(rf"(?:d_?t|delta_?t|t_?s|{_SAMPLED}?(?:time_?step|period)|{
 _RATE = re.compile(rf"(?:f_?s|fps|hz|(?:{_SAMPLED}|control_?)?(?:rate|freq|frequency))(?:_hz)?")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-# Rates that a log may have, Hz.
-_LEAST, _MOST = 1.0, 1e5
+# Rates that a log may have, Hz: a lower `freq` or `Fs` is that of the motion, or static friction.
+_LEAST, _MOST = 20.0, 1e5
 
 
 def texts_beside(beside: Mapping[str, RawChannel]) -> dict[str, tuple[str, ...]]:
@@ -112,7 +112,9 @@ def _lists_of(
     for name, own in texts.items():
         group, _, last = name.rpartition(".")
         words = words_of(last)
-        known = any(word.rstrip("s") in _LISTS or word in _LISTS for word in words)
+        known = bool(words & (_OF_JOINTS | _OF_MOTORS)) or all(
+            word.rstrip("s") in _LISTS or quantity_of(word) != "other" for word in words
+        )
         around = not group or array == group or array.startswith(f"{group}.")
         if known and around and len(own) == count:
             wanted = words & (_OF_MOTORS if motors else _OF_JOINTS)

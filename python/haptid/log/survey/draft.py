@@ -79,7 +79,9 @@ def channels_table(
         return ""
     if joint_like := [family for family in positions if not family.of_a_point]:
         positions, torques = joint_like, [family for family in torques if not family.of_a_point]
-    elif not (joints and all(straight)) and not any(family.known or family.of_axes for family in positions):
+    elif not any(family.known or family.of_axes for family in positions) and not (
+        joints and (all(straight) or {joint[-1].lower() for joint in joints} == {*"xyz"})
+    ):
         return ""
     rates = [family.of(joints) for family in channel_families(topics, "velocity", joints)]
     pairs = [(p, t if t.known else t.ordered(p)) for p in positions for t in torques]
@@ -127,7 +129,8 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
             names = " and ".join(", ".join(head + end for end in ends) for head, ends in sorted(heads)[:_POINTS])
             lines.append(
                 f"# {names}: of a point in space, which does not tell how the joints stand; record each joint's own "
-                "position, and its motor's torque, current or command"
+                "position, and its motor's torque, current or command; of a machine with slides, give its "
+                "device file"
             )
         if rates := [name for name in rates if not (heads and name[-1:] in "xyzXYZ")]:
             lines.append(

@@ -92,7 +92,7 @@ class ChannelFamily:
     @property
     def of_a_point(self) -> bool:
         """Whether the channels are x, y and z of a point or a force in space, and of no joint."""
-        ends = {re.split(r"[_. ]|(?<=[a-z])(?=[A-Z])", c.name)[-1].lower() for c in self.channels}
+        ends = {re.split(r"[_. ]|(?<=[a-z])(?=[A-Z])", unit_apart(c.name)[0])[-1].lower() for c in self.channels}
         return ends == {"x", "y", "z"}
 
     @property

@@ -59,7 +59,7 @@ def recordings(
     if len(found) > 1 and (itself or folder is None) and _are_joints(found, joints, drives):
         common = "" if itself or joints is None else _common(files)
         return [_folder_of(Path(common))] if common and _is_of(common, files) else []
-    if joints is not None and (found or (folder and _positions(files[0]) == 1)):
+    if joints is not None and (found or folder) and _positions((found or files)[0]) == 1:
         found = _runs_of_joints(found or files, joints, drives) or found
     for pattern in found:
         check_alone(pattern)

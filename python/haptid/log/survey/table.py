@@ -99,7 +99,8 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         channels = _wrapped(channels, path, kind)
     channels = _of_named_joints(channels, looked_at, path, kind, notes)
     channels = of_listed_joints(channels, texts)
-    named = (c.joint or (m["element"] if (m := element_of(c.name)) else "") for c in channels)
+    untitled = [c for c in channels if c.name not in called]
+    named = (c.joint or (m["element"] if (m := element_of(c.name)) else "") for c in untitled)
     joints = dict.fromkeys(element for element in named if element and not element.isdecimal())
     if kind is LEROBOT:
         from haptid.log.formats import lerobot  # needs pyarrow
