@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import oaconvolve
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import fast_length
 from haptid.log.log import Log
 
 # Samples of the pieces that are searched for, at most and at least, how many of them along the shorter log, and which
@@ -71,4 +71,6 @@ def _nearest(whole: Array, piece: Array) -> int:
     x, y = whole - piece.mean(), piece - piece.mean()
     sums = np.concatenate([[0.0], np.cumsum(x**2)])
     energy = sums[len(y) :] - sums[: len(x) - len(y) + 1]
-    return int(np.argmin(energy - 2.0 * oaconvolve(x, y[::-1], mode="valid")))
+    n = fast_length(len(x))
+    products = np.fft.irfft(np.fft.rfft(x, n) * np.fft.rfft(y, n).conj(), n)[: len(energy)]
+    return int(np.argmin(energy - 2.0 * products))
