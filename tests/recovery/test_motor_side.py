@@ -146,9 +146,10 @@ def test_noise_above_the_motion_stays_out_of_the_rows():
     assert abs(found["KE1"].value / K - 1) < 0.1
 
 
-def test_filters_are_narrowed_until_noise_is_a_small_part_of_the_stiffness():
-    """Encoders of 9 bits: behind 1.5 times the motion's bandwidth half of what tells stiffness is noise."""
-    _, found = complete_logs(axis(), [behind_encoder(9)], [True], torque_delay_s=0.0)
+@pytest.mark.parametrize("bits", [8, 9])
+def test_filters_are_narrowed_until_noise_is_a_small_part_of_the_stiffness(bits):
+    """Behind 1.5 times the motion's bandwidth half of what tells stiffness, or more, is noise."""
+    _, found = complete_logs(axis(), [behind_encoder(bits)], [True], torque_delay_s=0.0)
     assert_within(with_noise_uncertainty(found))
     assert abs(found["KE1"].value / K - 1) < 0.1
     assert noise_of_stiffness(found) < 0.1

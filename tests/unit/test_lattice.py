@@ -10,7 +10,7 @@ STEP, DT, WHITE = 1e-3, 1e-3, 2e-3 / 12 * 1e-6
 
 
 def density(speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of a sine of 2 Hz whose root mean square speed is so many steps a sample."""
+    """Frequencies and density for a sine of 2 Hz; `speed` is its root mean square speed in steps per sample."""
     t = DT * np.arange(20_000)
     amplitude = speed * STEP / DT * np.sqrt(2) / (4 * np.pi)
     f, power = rounding_density((amplitude * np.sin(4 * np.pi * t))[:, None], np.array([STEP]), DT)

@@ -157,3 +157,14 @@ def test_what_is_neither_text_nor_number_beside_the_samples_is_passed_over(tmp_p
         file.attrs["empty"] = h5py.Empty("f")
         file.attrs["joint_names"] = list(NAMES)
     assert [c.joint for c in survey(path).topics[0].channels if c.quantity == "position"] == list(NAMES)
+
+
+def test_a_damaged_list_of_texts_does_not_spoil_the_samples(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"], file["q"], file["tau"] = T, Q, TAU
+        file.create_dataset("labels", data=np.array([b"ANVIL", b"BASIL", b"CIVIL"]), chunks=(3,), fletcher32=True)
+    whole = path.read_bytes()
+    assert whole.count(b"ANVIL") == 1
+    path.write_bytes(whole.replace(b"ANVIL", b"ANVIX"))
+    assert sum(c.quantity == "position" for c in survey(path).topics[0].channels) == 3

@@ -20,7 +20,7 @@ Proof = Literal["unseen error", "consistent fit", "possible bodies", "prior bodi
 SHOWN = 6
 # Factor by which the first action lowers the error where it explains the rest, and by which the others leave more.
 _EXPLAINS = 3.0
-# Assumptions about a whole log, without which nothing else is judged.
+# Changes of a whole log: where one of them is to be made, no other change can be judged before it is.
 WHOLE_LOG = ("side", "mounting", "joint order", "joint zeros")
 # Kinds that leave rows out.
 MASKS = ("dead torque", "noise alone", "stuck position", "contact", "rest", "slip", "limit cycle", "other log")
