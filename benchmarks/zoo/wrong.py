@@ -39,11 +39,17 @@ CAUSES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[float, float]]] 
     "angle": (("zero offset", "gravity direction"), ("pendulum", "arm2", "arm3"), (0.03, 0.1)),
     "payload": (("payload",), ("pendulum", "arm2", "arm3"), (0.1, 0.4)),
     "drift": (("drift",), ("axis", "pendulum", "arm2", "arm3", "phantom"), (0.2, 0.5)),
+    "degressive friction": (
+        ("degressive friction", "bent viscosity"),
+        ("axis", "pendulum", "arm2", "arm3", "phantom"),
+        (0.5, 0.9),
+    ),
 }
 # Devices on which each cause is made.
 DEVICES_EACH = 3
-# Waves of a ripple in a turn, Stribeck velocity over the rms speed, episodes of a contact and of a stuck position.
-WAVES, SPEED, EPISODES = 18, 0.2, 25
+# Waves of a ripple in a turn; Stribeck velocity and that by which degressive friction rises, over the rms speed;
+# episodes of a contact and of a stuck position.
+WAVES, SPEED, RISES, EPISODES = 18, 0.2, 0.4, 25
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,9 @@ class WrongPlant(Plant):
                 made[k] = size * typical[k] * cdd[k] / rms(cdd[k])
             case "stribeck":
                 made = size * typical[:, None] * sign * np.exp(-((cd / (SPEED * self.speed[:, None])) ** 2))
+            case "degressive friction":  # of the Coulomb friction, what is not there in slow motion
+                slow = np.exp(-np.abs(cd) / (RISES * self.speed[:, None]))
+                made = -size * self.coulomb[:, None] * sign * slow
             case "load friction":
                 made = size * np.abs(self._modelled(states, self.frictionless)) * sign
             case "asymmetry":

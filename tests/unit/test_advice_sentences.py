@@ -197,7 +197,7 @@ def test_the_first_action_is_applied_alone_where_it_leaves_no_more(
 
 
 def test_friction_at_rest_is_no_contact() -> None:
-    """At both ends of the KR300's logs nothing moves, and its study keeps these rows: a hand was said to touch it."""
+    """At both ends of a log nothing moves, and friction breaks away as it sets off: a hand was said to touch it."""
     model, dt = small_study.two_links(), 1e-2
     q, *_ = multisine(2, 20.0, dt, 1)
     moves = np.clip(np.arange(q.shape[1]) * dt - 4.0, 0.0, 1.0)
@@ -207,12 +207,13 @@ def test_friction_at_rest_is_no_contact() -> None:
     motion = haptid.Motion(dt, q.T, tau.T, haptid.Treatment(10.0, decimation=2))
     search = search_of(model, [motion], truth(model) + 0.3)
     rests = search.rows.t < 3.5
-    for flagged, kind in ((rests, "rest"), (np.roll(rests, len(rests) // 2), "contact")):
+    sets_off = (search.rows.t > 4.2) & (search.rows.t < 5.0)
+    for flagged, kind in ((rests, "rest"), (sets_off, "start"), (np.roll(rests, len(rests) // 2), "contact")):
         search.__dict__["contact"] = flagged
         (found,) = [one for one, _ in _masks(search)]
         assert found.kind == kind
     assert "rests" in CHANGES["rest"]
-    assert "rest" in MASKS
+    assert {"rest", "start"} < set(MASKS)
 
 
 def test_what_sticks_in_a_validation_log_is_left_out_there_too(tmp_path: Path) -> None:

@@ -15,10 +15,11 @@ from haptid.advice import Advice, Applied, advise
 from haptid.advice.action import Action
 from haptid.advice.columns import geometry
 from haptid.advice.edits import Edit
+from haptid.advice.proof import proven
 from haptid.advice.ranking import Stated, in_order, stated
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows, trial_rows
-from haptid.advice.search import Proven, TriedChange, finer, large_enough, proven
+from haptid.advice.search import Proven, TriedChange, finer, large_enough
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.cli.advise import written_sentences
 from haptid.errors import LogTimeError

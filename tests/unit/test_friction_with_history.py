@@ -7,8 +7,9 @@ from scipy.integrate import solve_ivp
 import haptid
 from compiled import NAME, STRICT, compiler, run
 from haptid import errors
+from haptid.advice.proof import proven
 from haptid.advice.ranking import in_order, stated
-from haptid.advice.search import proven, search_of
+from haptid.advice.search import search_of
 from haptid.device.terms.presliding import Presliding
 from haptid.estimation import EKF, OutputErrorMethod
 from haptid.estimation.nonlinear import variable_projection

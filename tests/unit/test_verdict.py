@@ -222,3 +222,25 @@ def test_the_verdict_has_the_whole_instruction_of_what_is_proven(kind, label, sa
     made = verdict_with(diagnosis, Advice((action,), 48.0, 2.0, (), 40))
     assert f'the proven change "{said}" is not made' in made.sentences[0]
     assert MEANING["time delay"] not in str(made)
+
+
+def test_what_no_change_confirms_is_what_residuals_look_like():
+    """Friction that lags looks like a late torque, which was stated as a fact although no shift predicted better."""
+    parameters = [SimpleNamespace(name="P", relative_se=1.0, excited=True)]
+    errors = Validation((MotorError("1", "motor 1", "N m", 0.3, 6.0, 10),), False)
+    findings = [Finding("time delay", "bad", {"p": 1e-5}, "About it."), Finding("ripple", "bad", {"p": 1e-5}, "It.")]
+    fitted = estimate(parameters)
+    diagnosis = SimpleNamespace(
+        estimate=fitted, validation=errors, findings=findings, verdict=verdict(fitted, errors, findings)
+    )
+    action = Action("ripple", ("motor 1",), "add a ripple", "unseen error", 6.0, 5.0, 0.1, 0.3, True, (), 24)
+    assert f"because {MEANING['time delay']}" in diagnosis.verdict.sentences[0]
+    made = verdict_with(diagnosis, Advice((action,), 6.0, 5.0, (), 40))
+    assert f"look as where {MEANING['time delay']}, which no change that was tried confirms" in made.sentences[0]
+    assert made.parameters == "bad"  # by the ripple, which is proven
+    assert MEANING["ripple"] in made.sentences[2]
+    assert MEANING["time delay"] not in made.sentences[2]
+    untried = verdict_with(diagnosis, Advice((), 6.0, 6.0, ("No action is tried.",), 0))
+    assert untried.sentences == diagnosis.verdict.sentences
+    nothing = verdict_with(diagnosis, Advice((), 6.0, 6.0, (), 40))
+    assert nothing.compensation == nothing.parameters == "doubt"

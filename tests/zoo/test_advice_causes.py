@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.csv
@@ -11,6 +12,9 @@ import pytest
 
 from haptid.advice import advise, verdict_with
 from haptid.advice import apply_advice as applied
+from haptid.advice.proof import _together
+from haptid.advice.search import TriedChange
+from haptid.advice.trial import Fitted, Setting, Trial, gain
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.verdict import MEANING
 from haptid.study.identify import identify
@@ -68,6 +72,11 @@ CAUSES = {
     "a ripple behind a low filter": (
         "ripple",
         Case(90211097, "pendulum", 250, 30, 0.6778, 3, bits=14, friction=0.3, level=0.01366, delay=0.5),
+    ),
+    # It was Stribeck friction below zero, which cannot be.
+    "friction that is less in slow motion": (
+        "degressive friction",
+        Case(5, "arm2", 500, 20, 1.1, 4, bits=16, friction=0.5, level=0.01, delay=0.5),
     ),
     # The only position, held while the torque goes on.
     "a stuck position": (
@@ -142,3 +151,37 @@ def test_what_hides_behind_a_late_torque_is_found_with_it(tmp_path: Path) -> Non
 def _without_delay(study: Path) -> Path:
     study.write_text(study.read_text() + "\n[treatment]\ntorque_delay_s = 0.0\n")
     return study
+
+
+def test_degressive_friction_is_written_as_a_term_and_identified(tmp_path: Path) -> None:
+    case = Case(6, "pendulum", 500, 20, 1.1, 4, bits=16, friction=0.5, level=0.01, delay=0.5)
+    plant = WrongPlant(case, "degressive friction")
+    wrong = identified(plant, tmp_path)
+    made = advise(wrong)
+    after = applied(made, wrong, tmp_path / "out")
+    assert after is not None
+    assert after.after < 0.3 * after.before
+    (term,) = (p for p in after.identification.estimate.parameters if p.name == "FD_1")
+    assert term.value > 3 * term.se
+
+
+def test_one_motor_does_not_hide_what_is_proven_on_another() -> None:
+    """Together their gain scattered too much, though one motor's alone was seven standard errors."""
+    rng = np.random.default_rng(3)
+    blocks = 24
+    good, poor = rng.normal(0.10, 0.02, blocks), rng.normal(0.05, 0.50, blocks)
+    errors = {"": np.ones(blocks), "good": 1 - good, "poor": 1 - poor, "both": 1 - good - poor}
+
+    def trial(name: str) -> Trial:
+        return Trial(settings[name], errors[name][:, None], Fitted(np.arange(1), (), np.ones(1), np.ones(1)))
+
+    settings = {"": Setting(), "good": Setting(terms=(((1,),),)), "poor": Setting(terms=(((2,),),))}
+    settings["both"] = settings["poor"].plus(settings["good"])
+    names = {setting: name for name, setting in settings.items()}
+    bench = SimpleNamespace(run=lambda setting: trial(names[setting]))
+    members = [
+        (TriedChange("ripple", (name,), settings[name]), trial(name), gain(trial(""), trial(name)))
+        for name in ("poor", "good")
+    ]
+    found = [merged.places for merged, _, _ in _together(SimpleNamespace(bench=bench), trial(""), members)]
+    assert found == [("good",)]

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptid.advice.coarse import COARSER, RISES
 from haptid.advice.coarse import KIND as COARSE
+from haptid.advice.contact import BY_RESIDUAL
 from haptid.advice.edits import Edit
 from haptid.advice.more_motion import MoreMotion
 from haptid.inference.diagnosis.finding import joined_names
@@ -23,7 +24,7 @@ _EXPLAINS = 3.0
 # Changes of a whole log: where one of them is to be made, no other change can be judged before it is.
 WHOLE_LOG = ("side", "mounting", "joint order", "joint zeros")
 # Kinds that leave rows out.
-MASKS = ("dead torque", "noise alone", "stuck position", "contact", "rest", "slip", "limit cycle", "other log")
+MASKS = ("dead torque", "noise alone", "stuck position", *BY_RESIDUAL, "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.
 USE = "model for use"
 # What to do, by the kind of the change: an instruction, as verdicts say that it is not followed.
@@ -34,6 +35,7 @@ CHANGES: Mapping[str, str] = {
     "viscosity by direction": "let viscous friction depend on the direction on {where}",
     "bent viscosity": "add friction that grows with the square of the speed on {where}",
     "stribeck": "add Stribeck friction on {where}",
+    "degressive friction": "let dry friction reach its size at some speed only (degressive friction) on {where}",
     "presliding": "let dry friction build up over a distance after reversals (Dahl friction) on {where}",
     "spring": "add a spring on {where}",
     "torque by position": "add a torque that depends on the position of {where}",
@@ -65,6 +67,7 @@ CHANGES: Mapping[str, str] = {
     "stuck position": "leave out the parts in which the position of {where} is stuck",
     "contact": "leave out the parts in which something touches {where}",
     "rest": "leave out the parts in which {where} rests, where dry friction is anything up to its size",
+    "start": "leave out the parts in which {where} sets off after it has stood still",
     "slip": "leave out all but the longest part between slips of the transmission of {where}",
     "limit cycle": "leave out the parts in which {where}, held, goes back and forth",
     "other log": "leave out {where}, which is not of the device that the other logs are of",
@@ -73,6 +76,7 @@ CHANGES: Mapping[str, str] = {
 # Limits of the proof of each kind.
 _OPEN: Mapping[str, str] = {
     "offset": "whether it is friction or the amplifier's offset",
+    "degressive friction": "whether lubrication makes it, or something else that is less in slow motion",
     "torque by position": "what exerts it: a cable, a spring, or gravity of a link",
     "ripple": "whether it is cogging, gear teeth or an eccentric pulley",
     "time shift": "which of the two channels is late",
@@ -88,6 +92,7 @@ _OPEN: Mapping[str, str] = {
     "noise alone": "what the channel would have shown",
     "stuck position": "whether it is held there on purpose: logs of poses that are held are for `haptid poses`",
     "contact": "what touched it, and lighter contacts elsewhere",
+    "start": "whether dry friction that breaks away makes it, cold grease or a brake",
     "slip": "the sizes of slips that are smaller than what the encoders show",
     "limit cycle": "whether play or dry friction with a controller that integrates makes it",
     "other log": "what differs in it: a payload, a setting, another device",

@@ -337,7 +337,7 @@ def _size(one: Proven, unit: str) -> str:
             return f" by {1e3 * theta[0]:.3g} mm"
         case "zero offset" | "gravity direction":
             return f" by {', '.join(f'{x:.3g}' for x in theta)} rad"
-        case "stribeck":
+        case "stribeck" | "degressive friction":
             return f" (velocity {', '.join(format(s['velocity'], '.3g') for s in one.settings)} {speed})"
         case "presliding":
             return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} {unit})"

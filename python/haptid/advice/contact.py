@@ -9,14 +9,19 @@ from haptid._internal.signals import running_mean
 from haptid.advice.rows import TrialRows
 from haptid.advice.trial import Bench, Setting
 
+# Kinds of parts that the residual alone shows.
+BY_RESIDUAL = ("contact", "rest", "start")
+
 # A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
 # state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
 _CONTACT, _CONTACT_S, _MOST_MASKED, _MOST_CONTACTS, _NEAR, _APART_S, _SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
 
 # Rows whose distance from others is the usual one.
 _SOME = 500
-# Share of the usual speed below which a coordinate rests.
-_REST = 0.1
+# Share of the usual speed below which a coordinate rests, and below which it stands, for so long, s.
+_REST, _STANDS, _STANDS_S = 0.1, 0.02, 0.1
+# Share of the flagged rows from which on they are at rest, or after it.
+_MOSTLY = 0.5
 
 
 def contact(rows: TrialRows, bench: Bench) -> tuple[np.ndarray, float]:
@@ -68,10 +73,35 @@ def _power_without(flagged: np.ndarray, rows: TrialRows, bench: Bench) -> Array:
     return np.asarray(np.nan_to_num(np.nanmean(np.where(rows.used.any(axis=0), e, 0.0) ** 2, axis=0)))
 
 
-def at_rest(rows: TrialRows) -> np.ndarray:
-    """Rows in which no coordinate moves at more than a few per cent of its usual speed, (rows,)."""
+def kind_of(rows: TrialRows, flagged: np.ndarray) -> str:
+    """What flagged rows are: a contact, or at rest or just after it, where dry friction is not what it is in motion."""
+    if at_rest(rows)[flagged].mean() > _MOSTLY:
+        return "rest"
+    return "start" if _leaves_rest(rows, flagged) else "contact"
+
+
+def at_rest(rows: TrialRows, share: float = _REST) -> np.ndarray:
+    """Rows in which no coordinate moves at more than a share of its usual speed, (rows,)."""
     usual = np.sqrt(np.mean(rows.velocity**2, axis=1, keepdims=True))
-    return np.asarray((np.abs(rows.velocity) < _REST * usual).all(axis=0))
+    return np.asarray((np.abs(rows.velocity) < share * usual).all(axis=0))
+
+
+def _leaves_rest(rows: TrialRows, flagged: np.ndarray) -> bool:
+    """Whether most flagged rows are of parts that begin as the device sets off, after no coordinate has moved.
+
+    Dry friction is not what it is in motion there: it builds up, breaks away, or a brake lets go.
+    """
+    width = max(2, round(_STANDS_S / (float(np.median(np.diff(rows.t))) or 1.0)))
+    # Of rows that end such a stretch, so that no reversal is one.
+    moves = np.cumsum(np.concatenate([np.ones(width, dtype=bool), ~at_rest(rows, _STANDS)]))
+    stood = moves[width:] == moves[:-width]
+    near, early, before = 0, False, -np.inf
+    for k in np.flatnonzero(flagged):
+        if rows.t[k] - before > _CONTACT_S:  # a part begins
+            just = (rows.log == rows.log[k]) & (np.abs(rows.t[k] - _CONTACT_S - rows.t) <= _CONTACT_S)
+            early = bool(stood[just].any())
+        near, before = near + early, rows.t[k]
+    return near > _MOSTLY * flagged.sum()
 
 
 def _quantile(power: Array) -> float:

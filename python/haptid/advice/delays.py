@@ -14,7 +14,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.advice.grams import Grams
-from haptid.advice.search import LARGEST_CHANGE, LEAST_GAIN, LEAST_SE, Trials, TriedChange
+from haptid.advice.proof import LARGEST_CHANGE
+from haptid.advice.search import LEAST_GAIN, LEAST_SE, Trials, TriedChange
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.errors import HaptidError
 from haptid.motion.motion import Motion, shifted, with_delay

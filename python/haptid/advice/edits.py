@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from haptid.advice.columns import POWERS_OF_POSITION
+from haptid.advice.contact import BY_RESIDUAL
 from haptid.advice.recorder import faults
 from haptid.advice.search import Proven, Trials, TriedChange
 from haptid.device import Device
@@ -39,6 +40,7 @@ _TERMS = {
 _CUSTOM = {
     "viscosity by direction": (("FA", "*s/", "abs({v})"),),
     "bent viscosity": (("FQ", "*s^2/", "({v})*abs({v})"),),
+    "degressive friction": (("FD", "", "sign({v})*(1 - exp(-(({v})/{s})**2))"),),
     "torque by position": tuple((f"KP{n}", f"/^{n}", f"({{x}})**{n}") for n in (1, *POWERS_OF_POSITION)),
     "ripple": (("RS", "", "sin({w}*({x}))"), ("RC", "", "cos({w}*({x}))")),
 }
@@ -129,7 +131,7 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             there = down + np.linalg.norm(down) * tilt
             there = there * np.linalg.norm(down) / np.linalg.norm(there)
             yield Edit("device", "set", ("gravity",), [float(f"{x:.6g}") for x in there])
-        case "clipped torque" | "stuck position" | "contact" | "rest" | "slip" | "limit cycle":
+        case kind if kind in ("clipped torque", "stuck position", "slip", "limit cycle", *BY_RESIDUAL):
             for number, ranges in excluded(search, found).items():
                 yield Edit("study", "exclude", ("logs", number), ranges)
         case "other log":
@@ -146,7 +148,7 @@ def gain_edits(search: Trials, motor: int, factor: float) -> Iterator[Edit]:
 def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
     """Ranges of time, s, that a fault, a contact, slip or a limit cycle spoils, by log of the fit."""
     made: dict[int, list[list[float]]] = {}
-    if found.candidate.kind in ("contact", "rest"):
+    if found.candidate.kind in BY_RESIDUAL:
         flagged = search.contact
         for k in np.unique(search.rows.log[flagged]):
             made[int(k)] = _ranges(search.rows.t, flagged & (search.rows.log == k))
@@ -192,6 +194,7 @@ def _terms(device: Device, kind: str, place: str, settings: Mapping[str, Any]) -
         return
     x, v, unit, torque = _coordinate(device, what, name)
     w = f"{2 * np.pi / settings['period']:.6g}" if "period" in settings else ""
+    s = f"{settings['velocity']:.5g}" if "velocity" in settings else ""
     for stem, per, expression in _CUSTOM[kind]:
         made = torque + (per + unit if per and not per.startswith("/^") else f"/{unit}{per[1:]}" if per else "")
         yield {
@@ -199,7 +202,7 @@ def _terms(device: Device, kind: str, place: str, settings: Mapping[str, Any]) -
             **on,
             "name": f"{stem}_{name}",
             "unit": made,
-            "expression": expression.format(x=x, v=v, w=w),
+            "expression": expression.format(x=x, v=v, w=w, s=s),
         }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
-from haptid.advice.contact import at_rest, contact, elsewhere
+from haptid.advice.contact import contact, elsewhere, kind_of
 from haptid.advice.odd_logs import odd_logs
 from haptid.advice.recorder import ChannelFault, faults, rounded_rows, simulated_rows
 from haptid.advice.rows import BaseRows, TrialRows
@@ -38,12 +38,8 @@ from haptid.validation.validation import of_all_motors
 # the share is above LARGE_GAIN: such a gain is no chance, and blocks differ by what happens in them.
 LEAST_GAIN, LEAST_SE = 0.03, 3.0
 LARGE_GAIN, LARGE_SE = 0.25, 2.0
-# Largest sizes that are believed: s, rad, m.
-LARGEST_CHANGE = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
 # Terms that joints of coupled motors may have besides the motors.
 _OF_A_JOINT = ("coulomb", "viscous", "spring")
-# Terms whose parameters are not negative, as friction takes energy: one below zero has another cause, such as a delay.
-_NOT_NEGATIVE = ("coulomb", "viscous", "stribeck", "presliding", "load friction", "rotor inertia")
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
@@ -51,10 +47,8 @@ DEAD_ERROR = 0.15
 # Where no other passage has the states of a contact: power of its residual over the usual one, at least, and share of
 # the squared error that a term explains where it is none.
 _CLEAR, _EXPLAINS = 300.0, 0.5
-# Share of the rows of a contact at rest from which on it is none.
+# Share of the rows of a log from which on all of it differs, not parts.
 _MOSTLY = 0.5
-# Factors between torque and model that cannot be distinguished from 1, on either side.
-SAME = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,8 +374,7 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
             flagged = flagged & ~whole
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
-        kind = "rest" if at_rest(rows)[flagged].mean() > _MOSTLY else "contact"
-        yield TriedChange(kind, ("the device",), Setting(rows="clean")), mask
+        yield TriedChange(kind_of(rows, flagged), ("the device",), Setting(rows="clean")), mask
 
 
 def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
@@ -394,44 +387,6 @@ def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
     return np.asarray((search.rows.log == log) & (count[high] > count[low]))
 
 
-def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
-    """All candidates whose proof holds."""
-    base = before or search.base()
-    singles: dict[str, list[tuple[TriedChange, Trial, Gain]]] = {}
-    tests = len(search.candidates)
-    for one in search.candidates:
-        trial = search.bench.run(one.setting)
-        made = gain(base, trial)
-        # What is alone and too small is no action, significant or not; the test may need the log simulated.
-        worth = large_enough(made) if _is_alone(one) else made.share > made.se
-        if (
-            worth
-            and _matters(one, trial)
-            and _significant(search.bench, trial, made, SIGNIFICANCE / tests / one.looked_at)
-        ):
-            singles.setdefault(_group(one), []).append((one, trial, made))
-    found = []
-    for members in singles.values():
-        merged = _merged([one for one, _, _ in members])
-        trial = members[0][1] if len(members) == 1 else search.bench.run(merged.setting)
-        made = members[0][2] if len(members) == 1 else gain(base, trial)
-        best = max(members, key=lambda each: each[2].share)
-        if best[2].share > made.share:
-            merged, trial, made = best
-        if large_enough(made):
-            found.append(Proven(merged, trial, made))
-    return found
-
-
-def _significant(bench: Bench, trial: Trial, made: Gain, limit: float) -> bool:
-    """Whether a candidate is significant, by its gain or, where it adds columns, by their parameters.
-
-    The gain compares two fits, and one with a column that does nothing may have erred less by chance, on all unseen
-    blocks alike: their scatter does not show it.
-    """
-    return (bench.p_value(trial, limit) if trial.setting.terms else made.p) < limit
-
-
 def large_enough(made: Gain) -> bool:
     """Whether a gain is worth an action, and far enough from zero: a large one by its blocks' signed ranks too.
 
@@ -440,40 +395,3 @@ def large_enough(made: Gain) -> bool:
     if made.share > LARGE_GAIN:
         return made.share > LARGE_SE * made.se or made.ranks < float(t_tail(LARGE_SE, made.dof))
     return made.share > LEAST_GAIN and made.share > LEAST_SE * made.se
-
-
-def _matters(one: TriedChange, trial: Trial) -> bool:
-    """Whether a factor is another than 1, and a parameter, an offset, a length or a shift one that can be."""
-    if one.kind in _NOT_NEGATIVE and trial.whole.theta[-1] < 0:
-        return False
-    most = min(LARGEST_CHANGE.get(one.kind, np.inf), one.geometry.most if one.geometry else np.inf)
-    if one.setting.terms and np.isfinite(most) and np.abs(trial.whole.theta[-1]) > most:
-        return False
-    return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
-
-
-def _group(one: TriedChange) -> str:
-    """Candidates that are one action together."""
-    return f"{one.kind} {one.places}" if _is_alone(one) else one.kind
-
-
-def _is_alone(one: TriedChange) -> bool:
-    """Whether a candidate is an action by itself, at every place."""
-    alone = ("gain", "length", "payload", "zero offset")
-    return bool(one.seconds) or one.kind in alone or one.kind.endswith(("swap", "sign"))
-
-
-def _merged(members: Sequence[TriedChange]) -> TriedChange:
-    """One candidate of one kind on several motors."""
-    if len(members) == 1:
-        return members[0]
-    setting = members[0].setting
-    for one in members[1:]:
-        setting = setting.plus(one.setting)
-    return TriedChange(
-        members[0].kind,
-        tuple(place for one in members for place in one.places),
-        setting,
-        tuple(source for one in members for source in one.sources),
-        tuple(index for one in members for index in one.indices),
-    )

@@ -12,9 +12,10 @@ from haptid.advice.bodies import Impossible, impossible, inertias_below_zero
 from haptid.advice.coarse import with_coarse_torques
 from haptid.advice.delays import with_delays, with_shift
 from haptid.advice.positions import positions
+from haptid.advice.proof import proven
 from haptid.advice.ranking import in_order, of_possible_bodies, stated
 from haptid.advice.reversed_motors import reversed_motors, without_complements
-from haptid.advice.search import LARGE_GAIN, Proven, Trials, proven, search_of, unseen_percent, with_masks
+from haptid.advice.search import LARGE_GAIN, Proven, Trials, search_of, unseen_percent, with_masks
 from haptid.advice.spoiled import spoiled_parts
 from haptid.advice.trial import Trial
 from haptid.dynamics.model import DynamicModel

@@ -13,12 +13,12 @@ _LEFT = 0.7
 # Kinds of change that say the same as a finding.
 _SAME: Mapping[str, tuple[str, ...]] = {
     "time delay": ("time shift", "common delay"),
-    "influence": ("contact", "stuck position", "clipped torque", "slip", "other log"),
+    "influence": ("contact", "start", "stuck position", "clipped torque", "slip", "other log"),
     "drift": ("drift", "payload", "other log"),
-    "friction near standstill": ("stribeck", "presliding", "coulomb", "rest"),
+    "friction near standstill": ("stribeck", "degressive friction", "presliding", "coulomb", "rest", "start"),
     "friction by direction": ("offset", "coulomb"),
     "viscosity by direction": ("viscosity by direction",),
-    "bent viscosity": ("bent viscosity", "viscous"),
+    "bent viscosity": ("bent viscosity", "degressive friction", "viscous"),
     "friction by load": ("load friction",),
     "torque by position": ("torque by position", "spring", "zero offset", "gravity direction", "mounting"),
     "ripple": ("ripple",),
@@ -26,20 +26,23 @@ _SAME: Mapping[str, tuple[str, ...]] = {
 
 
 def verdict_with(diagnosis: Diagnosis, advice: Advice) -> Verdict:
-    """The verdict, in which a proven change takes the place of the causes that residuals seem to have without it.
+    """The verdict, which takes for a cause what is proven, and not what residuals seem to be caused by.
 
     A reversed or exchanged channel leaves residuals that look late, bent or periodic. Where the first change removes
     half of the squared unseen error, or bodies prove it, findings on residuals are reasons only where they say the
-    same as a change of the best combination. No grade is better for it.
+    same as a change of the best combination. Elsewhere findings whose changes were all tried without a proof are what
+    residuals look like, and no more than a doubt.
 
     Args:
         diagnosis: of an estimate.
         advice: on the study that it is of.
     """
     first = advice.actions[0] if advice.actions else None
+    parts = diagnosis.estimate, diagnosis.validation, diagnosis.findings
     if first is None or first.kind == USE or (first.proof == "unseen error" and first.after > _LEFT * first.before):
-        return diagnosis.verdict
+        kinds = {action.kind for action in advice.actions}
+        unproven = {name for name, same in _SAME.items() if advice.tried and not kinds & set(same)}
+        return verdict(*parts, unproven=unproven - {"influence"})
     kinds = {action.kind for action in advice.combination}
     agreeing = frozenset(name for name, same in _SAME.items() if kinds & set(same))
-    proven = ProvenChange(first.change, agreeing)
-    return verdict(diagnosis.estimate, diagnosis.validation, diagnosis.findings, proven)
+    return verdict(*parts, ProvenChange(first.change, agreeing))

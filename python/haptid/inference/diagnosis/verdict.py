@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -94,11 +94,19 @@ class ProvenChange:
 
 @dataclass(frozen=True)
 class Reason:
-    """A reason for or against a use, and the finding behind it, if there is one."""
+    """A reason for or against a use.
+
+    Attributes:
+        status: how grave.
+        words: a clause.
+        finding: behind it, if there is one.
+        confirmed: whether it is a fact, and not only what residuals look like.
+    """
 
     status: Status
     words: str
     finding: str = ""
+    confirmed: bool = True
 
 
 _WORDS: Mapping[Status, str] = {"ok": "good for", "doubt": "to be used with care for", "bad": "not fit for"}
@@ -110,7 +118,11 @@ def mild(reasons: Sequence[Reason]) -> list[Reason]:
 
 
 def verdict(
-    fitted: Estimate, errors: Validation, findings: Sequence[Finding], proven: ProvenChange | None = None
+    fitted: Estimate,
+    errors: Validation,
+    findings: Sequence[Finding],
+    proven: ProvenChange | None = None,
+    unproven: Collection[str] = (),
 ) -> Verdict:
     """The verdict on an estimate with these errors and findings.
 
@@ -119,11 +131,12 @@ def verdict(
         errors: its errors, of unseen rows if there are any.
         findings: of its diagnosis.
         proven: a change that takes the place of what residuals seem to be caused by without it.
+        unproven: names of findings whose changes were tried, and predict unseen rows no better.
     """
     by_name = {finding.name: finding for finding in findings}
 
     def of(names: Sequence[str]) -> list[Reason]:
-        return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
+        return [_reason(by_name[name], name not in unproven) for name in names if name in by_name]
 
     size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
     silent = [*_unused(fitted), *_silent(errors), *_held(fitted, errors)]
@@ -148,6 +161,12 @@ def _in_its_place(reasons: Sequence[Reason], proven: ProvenChange) -> list[Reaso
     words = f'the proven change "{proven.words}" is not made'
     measure, *others = (one for one in reasons if one not in gone)
     return [measure, Reason(worst(["doubt", *(one.status for one in gone)]), words), *others]
+
+
+def _reason(finding: Finding, confirmed: bool) -> Reason:
+    """A finding as a reason; no more than "doubt" where it is not confirmed."""
+    status = finding.status if confirmed or finding.status == "ok" else "doubt"
+    return Reason(status, _meaning(finding), finding.name, confirmed)
 
 
 def _meaning(finding: Finding) -> str:
@@ -175,7 +194,10 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
     if grade == "ok":
         return f"{text}: {measured.words}." if measured else f"{text}."
     grave = [reason for reason in reasons if reason.status == grade]
-    words, others = [reason.words for reason in grave[:MOST]], len(grave) - MOST
+    words = [reason.words for reason in grave if reason.confirmed]
+    if looks := [reason.words for reason in grave if not reason.confirmed]:
+        words.append(f"residuals look as where {joined_names(looks, most=2)}, which no change that was tried confirms")
+    words, others = words[:MOST], len(words) - MOST
     if others > 0:
         words.append(f"{others} more {'reason' if others == 1 else 'reasons'}")
     text = f"{text}, because {joined_names(words)}"
