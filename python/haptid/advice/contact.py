@@ -101,7 +101,7 @@ def _leaves_rest(rows: TrialRows, flagged: np.ndarray) -> bool:
             just = (rows.log == rows.log[k]) & (np.abs(rows.t[k] - _CONTACT_S - rows.t) <= _CONTACT_S)
             early = bool(stood[just].any())
         near, before = near + early, rows.t[k]
-    return near > _MOSTLY * flagged.sum()
+    return near > _MOSTLY * int(flagged.sum())
 
 
 def _quantile(power: Array) -> float:
