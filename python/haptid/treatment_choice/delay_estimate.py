@@ -60,6 +60,8 @@ _SEEN = 4.0
 # Frequency above which the torque without dry friction is noise, over the motion's bandwidth: products of sines have
 # twice and three times its frequencies.
 _NOISE = 3.0
+# Relative error above which a delay beyond these limits has to lower the squared error, and to which share.
+_ROUGH, _MUCH = 0.1, 0.5
 # Standard error of the usual delay where rows near reversals contradict another one, as a share of the distance between
 # the two: of what contradicts each other either may be wrong, and the interval of 95 % ends at the one refused.
 _HALF = 0.5
@@ -176,13 +178,13 @@ def find_delays(
     rows = _Search(model, motions, (mean, prior), _NOISE * bandwidth_hz)
     found = rows.steps(d, beta, near=start is not None)
     white = rows.beside_a_drift(found)
-    d, _, problem, spread = white or rows.settled(found)
+    d, beta, problem, spread = white or rows.settled(found)
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
     far = np.abs(off).max() > _FAR
     agrees = (
-        _rigid_agrees(problem, float(np.median(d)), dt, rows.noise_hz)
+        _rigid_agrees(problem, float(np.median(d)), dt, rows.noise_hz) and rows.explains(d, beta)
         if odd
         else not far or not _contradicted(model, motions, d, mean)
     )
@@ -310,6 +312,19 @@ class _Search:
         known = linalg.block_diag(covariance, free)
         _, step, spread = problem.whitened(whitening).solve(np.append(mean - d, np.zeros(channels)), known)
         return bool((np.abs(step) < _AGREES * _se(spread))[channels:].all())
+
+    def explains(self, d: Array, beta: Array) -> bool:
+        """Whether the torque follows the model with these delays, or much better than with those of the prior.
+
+        Where a sign or a channel is wrong, some delay leaves a little less than none, and the bodies' torque shows it
+        as that of friction does.
+        """
+        problem = self._at(d, beta)
+        size = np.array([0.0 if m.free else 1.0 / max(m.norm, np.finfo(float).tiny) for m in problem.rows.motors])
+        left = problem.residual(size)
+        if left <= _ROUGH**2 * np.count_nonzero(size):
+            return True
+        return left < _MUCH * self._at(self.prior[0], beta).residual(size)
 
     def settled(self, found: _Found) -> _Found:
         """What was found, or what the smooth part of the torque alone shows.
