@@ -88,7 +88,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     left = min([after, *(action.after for action in telling)]) / max(before, 1e-300)
     whole_changes = [one for one in (_mounting(found, part, left), _order(found, part, left)) if one is not None]
     left = min([left, *(one.after / one.before for one in whole_changes)])
-    whole_changes += [one for one in (_counts(found, part, left),) if one is not None]
+    if not masks or now.error(base) >= _COUNTS:  # what rows left out mend is no other zero
+        whole_changes += [one for one in (_counts(found, part, left),) if one is not None]
     if whole_changes:  # nothing else can be judged with the one that leaves least
         least = min(whole_changes, key=lambda one: one.after)
         check = tuple(_other_robot(least.after, (0.0, 0.0)))
