@@ -36,6 +36,9 @@ CASES = {
     "gaps": Case(10, "phantom", 500, 12, 1.5, 3, bits=16, gaps=0.03),
     "a delay of each motor, AR torque": Case(11, "arm2", 500, 30, 2.0, 3, bits=17, noise="AR", delay=1.0, spread=0.5),
     "slow motion, much friction": Case(12, "arm2", 100, 80, 0.15, 3, bits=14, friction=0.8, noise="AR", delay=0.5),
+    "a delay that turns the motion's phase by 76 degrees": Case(
+        3, "arm3", 100, 40, 7.0, 3, bits=18, friction=0.8, noise="AR", level=0.01, delay=3.0
+    ),
     "noise inside the loop": Case(13, "arm2", 500, 6, 1.5, 3, bits=16, level=0.01, loop=True, delay=1.0),
     "ripple beside clean torque": draw(240, 0)[200],
     "ripple of resampled positions": Case(

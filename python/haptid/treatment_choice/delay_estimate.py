@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -25,7 +26,7 @@ from haptid.estimation.methods.gls import Whitening
 from haptid.log import Log
 from haptid.motion.motion import Motion, treat, with_delay
 from haptid.motion.treatment import Treatment
-from haptid.observation.observation import observe
+from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.delay_columns import delay_columns, smooth_part
 from haptid.treatment_choice.first_fit import least_squares, memory_of, solve_excited
 from haptid.treatment_choice.nuisance_problem import NuisanceProblem
@@ -43,8 +44,9 @@ _CLOSE, _MOST = 0.5, 2 / 3
 _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0
 # Standard deviation of a delay that is not identifiable, samples.
 _UNKNOWN = 1.0
-# Gauss-Newton steps, and the changes, samples and standard errors, below which they end.
-_STEPS, _STILL, _SMALL = 4, 0.005, 0.05
+# Gauss-Newton steps, and the changes, samples and standard errors, below which they end; samples of the last one beyond
+# which, and beyond a standard error, they lead nowhere.
+_STEPS, _STILL, _SMALL, _MOVES = 4, 0.005, 0.05, 0.25
 # A delay this far from the prior mean, samples, must not make the torque near reversals worse by so many of its errors.
 _FAR, _WORSE = 1.0, 1.0
 # Rows of the residual's memory from which it is a drift's: two periods of the bandwidth behind the usual filter.
@@ -174,11 +176,13 @@ def find_delays(
     mean = np.full(channels, hold * dt)
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
-    beta = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions)))
     rows = _Search(model, motions, (mean, prior), _NOISE * bandwidth_hz)
+    beta = least_squares(rows.observed(d))
     found = rows.steps(d, beta, near=start is not None)
+    if not found.settled:
+        found = rows.from_the_nearest() or found
     white = rows.beside_a_drift(found)
-    d, beta, problem, spread = white or rows.settled(found)
+    d, beta, problem, spread, _ = white or rows.settled(found)
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
@@ -224,7 +228,15 @@ def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
     return mean, np.asarray(spread)
 
 
-_Found = tuple[Array, Array, NuisanceProblem, Spread]
+class _Found(NamedTuple):
+    """Delays that a search found, s, with the base parameters, the problem of its last step, at the delays before that
+    step, the delays' spread, and whether the step was small."""
+
+    delays: Array
+    beta: Array
+    problem: NuisanceProblem
+    spread: Spread
+    settled: bool = True
 
 
 def _se(spread: Spread) -> Array:
@@ -235,8 +247,6 @@ def _se(spread: Spread) -> Array:
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Gauss-Newton steps to the delays, from rows as they are, whitened in time, or by the smooth torque.
-
-    What is found are delays, parameters, the problem of the last step, and the delays' spread.
 
     Attributes:
         motions: of logs, without a delay.
@@ -252,6 +262,27 @@ class _Search:
     def _at(self, d: Array, beta: Array, smooth: bool = False) -> NuisanceProblem:
         late = [with_delay(motion, _setting(d)) for motion in self.motions]
         return _problem(self.model, late, beta, self.noise_hz, smooth)
+
+    def observed(self, d: Array) -> Observation:
+        """Rows with delays, s."""
+        return observe(self.model, *(with_delay(motion, _setting(d)) for motion in self.motions))
+
+    def from_the_nearest(self) -> _Found | None:
+        """Steps from the delay of all channels that leaves least, to half a sample; None where they do not end either.
+
+        A column is a delay's slope only while the delay turns the motion's phase a little: far from the delay, as of
+        three samples with fourteen in a period, steps lead anywhere.
+        """
+        dt, (mean, _) = self.motions[0].dt, self.prior
+        best, least, at = np.inf, mean, np.zeros(0)
+        for off in np.arange(-_EARLIEST, _LATEST, 0.5) * dt:
+            rows = self.observed(mean + off)
+            beta = least_squares(rows)
+            left = sum((m.residual(beta) / m.norm) ** 2 for m in rows.motors if m.norm > 0)
+            if left < best:
+                best, least, at = left, mean + off, beta
+        found = self.steps(least, at)
+        return found if found.settled else None
 
     def steps(self, d: Array, beta: Array, near: bool = False, whitening: Whitening | None = None) -> _Found:
         """Steps from delays, s, and parameters.
@@ -272,7 +303,8 @@ class _Search:
             d = d + step
             if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * _se(spread)).all():
                 break
-        return d, beta, problem, spread
+        settled = bool((np.abs(step) < np.maximum(_MOVES * dt, _se(spread))).all())
+        return _Found(d, beta, problem, spread, settled)
 
     def beside_a_drift(self, found: _Found) -> _Found | None:
         """What rows that are whitened in time show, where a drift hid the delays from the others.
@@ -287,19 +319,19 @@ class _Search:
         Args:
             found: by the ordinary rows.
         """
-        d, beta, problem, spread = found
+        d, beta, problem, spread, _ = found
         dt, se = self.motions[0].dt, _se(spread)
         rows = problem.memory / (self.motions[0].treatment.decimation * dt)
         if rows < _DRIFTS or se.min() < HOLD * dt:
             return None
         whitening = problem.whitening
         white = self.steps(d, beta, whitening=whitening)
-        surer = bool((_SURER * _se(white[3]) < se).all() and (np.abs(white[0] - d) < _AGREES * se).all())
+        surer = (_SURER * _se(white.spread) < se).all() and (np.abs(white.delays - d) < _AGREES * se).all()
         return white if surer and self._alone(white, whitening) else None
 
     def _alone(self, found: _Found, whitening: Whitening) -> bool:
         """Whether whitened rows have nothing in proportion to the second rate of the torque beside a delay."""
-        d, beta, _, _ = found
+        d, beta = found.delays, found.beta
         (mean, covariance), channels, dt = self.prior, len(d), self.motions[0].dt
         first, second = (
             delay_columns(self.model, self.motions[0], order=order, noise_hz=self.noise_hz) for order in (1, 2)
@@ -340,7 +372,7 @@ class _Search:
         """
         if not any(term.jumps for term in self.model.terms):
             return found
-        d, beta, problem, spread = found
+        d, beta, problem, spread, _ = found
         mean, covariance = self.prior
         dt, weights, se = self.motions[0].dt, problem.weights, _se(spread)
         before = np.inf
@@ -355,7 +387,7 @@ class _Search:
             if k == _STEPS or np.abs(step).max() < _STILL * dt:
                 break
             d = d + np.clip(step, -COMMON * dt, COMMON * dt)
-        return (d, beta, problem, spread) if left < before else found
+        return _Found(d, beta, problem, spread) if left < before else found
 
 
 def delay_prior(channels: int, dt: float, common: float = COMMON) -> Array:
