@@ -12,7 +12,8 @@ from elastic_motors import axis, recorded
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import with_prior_variance
-from haptid.treatment_choice.delay_estimate import _problem, delay_prior, find_delays, with_delay_uncertainty
+from haptid.treatment_choice.delay_estimate import delay_prior, delay_problem, find_delays
+from haptid.treatment_choice.uncertainty import with_delay_uncertainty
 
 SETTINGS = haptid.Treatment(cutoff_hz=80.0, decimation=10, parallel_cutoff_hz=16.0)
 
@@ -28,7 +29,7 @@ def found():
 
 def test_standard_errors_are_those_of_a_fit_with_the_delay_as_a_parameter(found):
     estimate, delays = found
-    problem = _problem(estimate.model, estimate.observation.motions, estimate.free)
+    problem = delay_problem(estimate.model, estimate.observation.motions, estimate.free)
     p = len(estimate.beta)
     both = clustered(problem.rows, problem.weights, problem._solution(np.zeros(1), delay_prior(1, delays.dt)))
     made = with_delay_uncertainty(estimate, delays)

@@ -13,8 +13,8 @@ from haptid.errors import LogMismatchError, TreatmentError
 from haptid.log.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
 from haptid.motion.streaming import delayed
 from haptid.treatment_choice import delay_estimate
-from haptid.treatment_choice.delay_estimate import Delays, find_delays, with_delay_uncertainty
-from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
+from haptid.treatment_choice.delay_estimate import Delays, find_delays
+from haptid.treatment_choice.uncertainty import with_delay_uncertainty, with_treatment_uncertainty
 from motions import multisine, truth
 
 STEP = 2 * np.pi / 4000 / 12

@@ -20,15 +20,15 @@ from scipy import linalg
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import Estimate, Spread
-from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
+from haptid.estimation import Spread
+from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.methods.gls import Whitening
 from haptid.log import Log
 from haptid.motion.motion import Motion, treat, with_delay
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.delay_columns import delay_columns, smooth_part
-from haptid.treatment_choice.first_fit import least_squares, memory_of, solve_excited
+from haptid.treatment_choice.first_fit import least_squares, solve_excited
 from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 from haptid.treatment_choice.parallel_choice import LOG_PARTS, parts_of
 from haptid.uncertainty.quantities import LEVEL, half_width
@@ -44,6 +44,8 @@ _CLOSE, _MOST = 0.5, 2 / 3
 _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0
 # Standard deviation of a delay that is not identifiable, samples.
 _UNKNOWN = 1.0
+# Turn of the motion's phase by the prior's delays, rad, from which on steps may end beside the delay that leaves least.
+_TURNS = 0.5
 # Gauss-Newton steps, and the changes, samples and standard errors, below which they end; samples of the last one beyond
 # which, and beyond a standard error, they lead nowhere.
 _STEPS, _STILL, _SMALL, _MOVES = 4, 0.005, 0.05, 0.25
@@ -179,8 +181,9 @@ def find_delays(
     rows = _Search(model, motions, (mean, prior), _NOISE * bandwidth_hz)
     beta = least_squares(rows.observed(d))
     found = rows.steps(d, beta, near=start is not None)
-    if not found.settled:
-        found = rows.from_the_nearest() or found
+    turns = 2 * np.pi * bandwidth_hz * COMMON * dt > _TURNS and np.isfinite(bandwidth_hz)
+    if not found.settled or (turns and start is None):
+        found = rows.from_the_nearest(found) or found
     white = rows.beside_a_drift(found)
     d, beta, problem, spread, _ = white or rows.settled(found)
     off = (d - mean) / dt
@@ -261,28 +264,36 @@ class _Search:
 
     def _at(self, d: Array, beta: Array, smooth: bool = False) -> NuisanceProblem:
         late = [with_delay(motion, _setting(d)) for motion in self.motions]
-        return _problem(self.model, late, beta, self.noise_hz, smooth)
+        return delay_problem(self.model, late, beta, self.noise_hz, smooth)
 
     def observed(self, d: Array) -> Observation:
         """Rows with delays, s."""
         return observe(self.model, *(with_delay(motion, _setting(d)) for motion in self.motions))
 
-    def from_the_nearest(self) -> _Found | None:
+    def from_the_nearest(self, before: _Found) -> _Found | None:
         """Steps from the delay of all channels that leaves least, to half a sample; None where they do not end either.
 
         A column is a delay's slope only while the delay turns the motion's phase a little: far from the delay, as of
         three samples with fourteen in a period, steps lead anywhere.
+
+        Args:
+            before: found already; where it is settled and leaves less there is nothing to look for.
         """
         dt, (mean, _) = self.motions[0].dt, self.prior
-        best, least, at = np.inf, mean, np.zeros(0)
+        least, (left, beta) = mean, self._left(mean)
         for off in np.arange(-_EARLIEST, _LATEST, 0.5) * dt:
-            rows = self.observed(mean + off)
-            beta = least_squares(rows)
-            left = sum((m.residual(beta) / m.norm) ** 2 for m in rows.motors if m.norm > 0)
-            if left < best:
-                best, least, at = left, mean + off, beta
-        found = self.steps(least, at)
+            if (there := self._left(mean + off))[0] < left:
+                least, (left, beta) = mean + off, there
+        if before.settled and self._left(before.delays)[0] <= left:
+            return None
+        found = self.steps(least, beta)
         return found if found.settled else None
+
+    def _left(self, d: Array) -> tuple[float, Array]:
+        """Relative squared residual of all motors with delays, s, and the base parameters that leave it."""
+        rows = self.observed(d)
+        beta = least_squares(rows)
+        return sum((m.residual(beta) / m.norm) ** 2 for m in rows.motors if m.norm > 0), beta
 
     def steps(self, d: Array, beta: Array, near: bool = False, whitening: Whitening | None = None) -> _Found:
         """Steps from delays, s, and parameters.
@@ -428,36 +439,7 @@ def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usua
     return bool(worse.sum() > _WORSE * np.sqrt(len(worse)) * worse.std())
 
 
-def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
-    """An estimate whose covariance includes what the uncertainty of the delays adds.
-
-    Args:
-        estimate: from logs treated with these delays.
-        delays: of the torque channels.
-    """
-    motions = estimate.observation.motions
-    if not np.any(delays.covariance) or any(m.log is None or m.treatment.momentum for m in motions):
-        return estimate
-    problem = _problem(estimate.model, motions, estimate.free, delays.noise_hz)
-    if delays.white or not _same_rows(problem, estimate, delays):
-        return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
-    problem = replace(problem, known_memory=memory_of(estimate))
-    moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
-    # The mixture of priors draws the delays towards the hold, and what moves them with them.
-    drawn = np.linalg.solve(by_rows + by_prior, delays.covariance)
-    made = estimate.with_moved_nuisances(moved @ drawn @ problem.sensitivity(estimate).T)
-    rest = delays.covariance - drawn.T @ by_rows @ drawn
-    return made.with_nuisance("torque delay", problem.propagated(estimate, rest))
-
-
-def _same_rows(problem: NuisanceProblem, estimate: Estimate, delays: Delays) -> bool:
-    """Whether delays were estimated from the rows of an estimate: then errors of these move both, often oppositely."""
-    samples = sum(len(m.log.t) for m in estimate.observation.motions if m.log is not None)
-    plain = estimate.observation.change is None and isinstance(estimate.intervals, ClusterRobust)
-    return delays.accepted and samples == delays.samples and plain and problem.rows.blocks == estimate.blocks
-
-
-def _problem(
+def delay_problem(
     model: DynamicModel, motions: Sequence[Motion], beta: Array, noise_hz: float = np.inf, smooth: bool = False
 ) -> NuisanceProblem:
     """The delays of the channels as nuisances, by the rate of the whole torque, or of its smooth part."""

@@ -10,8 +10,11 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import judged
-from haptid.treatment_choice.delay_estimate import Delays, with_delay_uncertainty
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
+from haptid.treatment_choice.delay_estimate import Delays, delay_prior, delay_problem
+from haptid.treatment_choice.first_fit import memory_of
 from haptid.treatment_choice.noise_effect import NOISY, of_torque, without_bias
+from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 from haptid.treatment_choice.repeated_errors import repeated_errors
 from haptid.treatment_choice.rounding import Rounding
 
@@ -73,3 +76,32 @@ def _repeating(estimate: Estimate, delays: Delays | None, rounding: Rounding | N
         if shifts.any():
             made[_ROUNDING] = shifts
     return made
+
+
+def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
+    """An estimate whose covariance includes what the uncertainty of the delays adds.
+
+    Args:
+        estimate: from logs treated with these delays.
+        delays: of the torque channels.
+    """
+    motions = estimate.observation.motions
+    if not np.any(delays.covariance) or any(m.log is None or m.treatment.momentum for m in motions):
+        return estimate
+    problem = delay_problem(estimate.model, motions, estimate.free, delays.noise_hz)
+    if delays.white or not _same_rows(problem, estimate, delays):
+        return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
+    problem = replace(problem, known_memory=memory_of(estimate))
+    moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
+    # The mixture of priors draws the delays towards the hold, and what moves them with them.
+    drawn = np.linalg.solve(by_rows + by_prior, delays.covariance)
+    made = estimate.with_moved_nuisances(moved @ drawn @ problem.sensitivity(estimate).T)
+    rest = delays.covariance - drawn.T @ by_rows @ drawn
+    return made.with_nuisance("torque delay", problem.propagated(estimate, rest))
+
+
+def _same_rows(problem: NuisanceProblem, estimate: Estimate, delays: Delays) -> bool:
+    """Whether delays were estimated from the rows of an estimate: then errors of these move both, often oppositely."""
+    samples = sum(len(m.log.t) for m in estimate.observation.motions if m.log is not None)
+    plain = estimate.observation.change is None and isinstance(estimate.intervals, ClusterRobust)
+    return delays.accepted and samples == delays.samples and plain and problem.rows.blocks == estimate.blocks
