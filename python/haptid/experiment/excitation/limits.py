@@ -186,14 +186,17 @@ class MotionBounds:
         Args:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
         """
-        of_joints = [_beyond(states[0], *self.position.T[:, :, None])]
-        of_joints += [np.abs(states[s, joints]) / most - 1 for s, most, joints, _ in self._rates]
+        rows, centre, width, middle = self._ranges
+        of_joints = states.reshape(-1, states.shape[2])[rows] - centre
+        np.abs(of_joints, out=of_joints)
+        of_joints /= width
+        of_joints -= middle
         couplings = (
             (_beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}")
             for c in self.limits.couplings
         )
         others = [*couplings, *self._passive(states), *self.actuation.by_sample(states)]
-        made = np.concatenate([*of_joints, *(excess[None] for excess, _ in others)])
+        made = np.concatenate([of_joints, *(excess[None] for excess, _ in others)]) if others else of_joints
         return made, self._names_of_joints + tuple(name for _, name in others)
 
     def gradients(self, states: Array, weights: Array) -> Array:
@@ -228,6 +231,17 @@ class MotionBounds:
             if limited:
                 made.append((s, limits[limited, None], joints, [self._labels[s][j] for j in limited]))
         return made
+
+    @cached_property
+    def _ranges(self) -> tuple[slice | np.ndarray, Array, Array, Array]:
+        """Limits of the joints' states as ranges: which rows of them, middle, what a violation is relative to, and the
+        distance from the middle at which it begins, relative to that, (k, 1)."""
+        many, (low, high) = len(self.names), self.position.T[:, :, None]
+        kinds = [(np.arange(many), 0.5 * (low + high), high - low, np.full((many, 1), 0.5))]
+        for s, most, joints, _ in self._rates:
+            kinds.append((s * many + np.arange(many)[joints], np.zeros_like(most), most, np.ones_like(most)))
+        rows, centre, width, middle = (np.concatenate(parts) for parts in zip(*kinds, strict=True))
+        return slice(None) if len(rows) == 3 * many else rows, centre, width, middle
 
     @cached_property
     def _jerking(self) -> list[int]:
