@@ -1,7 +1,8 @@
 """Processor time of `haptid` from the command to its files, by stage: where it goes.
 
 Each command runs in a process of its own, on one thread. A stage's time is that of its functions without those of
-other stages that they call; imports are a stage too, wherever they happen. What is left over is "rest".
+other stages that they call; imports are a stage too, wherever they happen, and what Python does after the command is
+"end". What is left over is "rest"; "all" is the whole process.
 
     python benchmarks/command_time.py                        logs of the bench, 20 000 samples each
     python benchmarks/command_time.py STUDY --data FOLDER    a study of one's own
@@ -15,6 +16,7 @@ import functools
 import importlib
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -127,9 +129,17 @@ def measured(arguments: list[str], folder: Path) -> dict[str, float]:
     for _ in range(3):
         out = folder / "seconds.json"
         call = [sys.executable, str(Path(__file__).resolve()), "--child", str(out), *arguments]
+        before = used()
         subprocess.run(call, check=True, env=environment, stdout=subprocess.DEVNULL)
-        taken.append(json.loads(out.read_text()))
+        whole, one = used() - before, json.loads(out.read_text())
+        taken.append({**one, "end": whole - one["all"], "all": whole})
     return min(taken, key=lambda one: one["all"])
+
+
+def used() -> float:
+    """Processor time of all children until now, s."""
+    own = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return own.ru_utime + own.ru_stime
 
 
 def bench_log(device: str, experiment: Path, joints: int, folder: Path) -> Path:

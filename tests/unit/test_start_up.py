@@ -129,3 +129,15 @@ def test_an_interrupt_before_a_command_begins_has_no_traceback(monkeypatch: pyte
     with pytest.raises(SystemExit) as end:
         module.program()
     assert end.value.code == 130
+
+
+def test_at_the_end_nothing_is_gone_through_that_a_command_has_loaded() -> None:
+    program = """
+import atexit, gc, sys
+atexit.register(lambda: print(len(gc.get_objects()) < gc.get_freeze_count()))
+sys.argv = ["haptid", "--version"]
+from haptid.__main__ import program
+program()
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "True"
