@@ -51,6 +51,12 @@ def real_rows(
 def triangles(rows: Array) -> Array:
     """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
 
+def filter_both_ways(sections: Array, channels: Array, padding: int) -> Array:
+    """Channels, (channels, n), each through second-order sections of its own, (channels, sections, 6), both ways.
+
+    Both ends are extended by `padding` samples of the signal turned about its end point; n must be larger.
+    """
+
 def extreme_eigenvalues(matrix: Array) -> tuple[float, float]:
     """The smallest and the largest eigenvalue of a symmetric matrix, to rounding of the larger in magnitude.
 

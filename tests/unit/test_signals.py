@@ -26,6 +26,14 @@ def test_butterworth_sections_and_both_passes(order, cutoff):
     assert np.abs(own - wanted).max() < 1e-6 * cutoff**-0.5 * np.abs(WALK).max() * (1e-3 if cutoff > 1e-2 else 1)
 
 
+def test_each_channel_may_have_a_filter_of_its_own():
+    sections = np.stack([signals.butterworth(4, cutoff) for cutoff in (0.02, 0.1, 0.5)])
+    for padding in (None, 0):
+        own = signals.both_ways(sections, WALK, padding)
+        for k, channel in enumerate(WALK):
+            assert (own[k] == signals.both_ways(sections[k], channel[None], padding)[0]).all()
+
+
 def test_a_constant_passes_both_ways_unchanged():
     level = np.full((1, 200), 3.7)
     assert np.allclose(signals.both_ways(signals.butterworth(4, 0.05), level), level, rtol=1e-12)

@@ -38,6 +38,7 @@ pub use error::Error;
 pub use exact::echelon::echelon;
 pub use exact::rows::{ExactStates, TreeStates, exact_rows, real_rows};
 pub use linalg::condition::{extreme_eigenvalues, smooth_condition};
+pub use linalg::sections::filter_both_ways;
 pub use loops::assembly::{
     ActiveTrajectory, AssemblyMode, ClosureTolerances, ContinuationStop, JointTrajectory, LinearClosure,
 };

@@ -43,6 +43,23 @@ fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult
     out.into_pyarray(py).reshape([stacks, columns, columns])
 }
 
+/// Channels through their own second-order sections, both ways: see `_core.pyi`.
+#[pyfunction]
+fn filter_both_ways<'py>(
+    py: Python<'py>,
+    sections: PyReadonlyArray3<'py, f64>,
+    channels: Matrix<'py>,
+    padding: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (many, samples) = (channels.shape()[0], channels.shape()[1]);
+    let sections = stack(&sections, [many, sections.shape()[1], 6])?;
+    let (numbers, mut out) = (row_major(&channels)?, room(many * samples)?);
+    let backend = Backend::selected().map_err(to_python)?;
+    detached(py, || haptid_core::filter_both_ways(backend, sections, numbers, samples, padding, &mut out))
+        .map_err(to_python)?;
+    out.into_pyarray(py).reshape([many, samples])
+}
+
 /// The numbers and the size of a square matrix.
 fn square<'a>(matrix: &'a Matrix<'_>) -> PyResult<(&'a [f64], usize)> {
     match matrix.shape() {
@@ -89,6 +106,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(triangles, module)?)?;
+    module.add_function(wrap_pyfunction!(filter_both_ways, module)?)?;
     module.add_function(wrap_pyfunction!(extreme_eigenvalues, module)?)?;
     module.add_function(wrap_pyfunction!(smooth_condition, module)?)?;
     module.add_function(wrap_pyfunction!(exact::echelon, module)?)?;

@@ -6,14 +6,13 @@ third of SciPy, and takes longer than all that an identification of a short log 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
 
 import numpy as np
 from numpy import fft
-from scipy.linalg import blas
 
+from haptid import _core
 from haptid._internal.arrays import Array, freeze
 
 # Samples that a polynomial filter takes at a time: its sums stay in the processor's cache.
@@ -57,57 +56,19 @@ def both_ways(sections: Array, channels: Array, padding: int | None = None) -> A
     first value, as in `scipy.signal.sosfiltfilt`.
 
     Args:
-        sections: second-order sections of one pass, (sections, 6).
+        sections: second-order sections of one pass, (sections, 6), or those of each channel, (channels, sections, 6).
         channels: longer than the extension.
-        padding: samples of the extension; three times the filter's length where None.
+        padding: samples of the extension; three times the filter's length, the longest one's, where None.
     """
-    edge = end_padding(sections) if padding is None else padding
-    x = np.asarray(channels, dtype=np.float64)
-    one_pass, filtered = _OnePass.of(sections, x.shape[1] + 2 * edge), np.empty(x.shape)
-    for channel, target in zip(x, filtered, strict=True):
-        before, after = 2 * channel[0] - channel[edge:0:-1], 2 * channel[-1] - channel[-2 : -(edge + 2) : -1]
-        turned = one_pass(np.concatenate([before, channel, after]) if edge else channel)[::-1]
-        target[:] = one_pass(turned)[::-1][edge : edge + len(channel)]
-    return filtered
+    x = np.ascontiguousarray(channels, dtype=np.float64)
+    each = np.ascontiguousarray(np.broadcast_to(sections, (len(x), *sections.shape[-2:])))
+    return _core.filter_both_ways(each, x, max(map(end_padding, each)) if padding is None else padding)
 
 
 def end_padding(sections: Array) -> int:
     """Samples by which `both_ways` extends either end."""
     short = min(int((sections[:, 2] == 0).sum()), int((sections[:, 5] == 0).sum()))
     return 3 * (2 * len(sections) + 1 - short)
-
-
-@dataclass(frozen=True, eq=False)
-class _OnePass:
-    """All sections, one after another, in the steady state of the first value before it.
-
-    A recursion y[k] + a1 y[k-1] + a2 y[k-2] = v[k] is a triangular system of bandwidth two.
-
-    Attributes:
-        steps: of each section, the weights of the three last samples, and the system of its recursion, (3, n).
-        gain: of a constant.
-    """
-
-    steps: tuple[tuple[Array, Array], ...]
-    gain: float
-
-    @staticmethod
-    def of(sections: Array, n: int) -> _OnePass:
-        """For signals of n samples."""
-        steps = []
-        for section in sections:
-            band = np.ones((3, n), order="F")
-            band[1:] = section[4:, None]
-            steps.append((section[:3], band))
-        gain = np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1))
-        return _OnePass(tuple(steps), float(gain))
-
-    def __call__(self, x: Array) -> Array:
-        """A signal through it, (n,)."""
-        y = x - x[0]
-        for weights, band in self.steps:
-            y = blas.dtbsv(2, band, np.convolve(y, weights)[: len(x)], lower=1, diag=1, overwrite_x=1)
-        return np.asarray(y + self.gain * x[0])
 
 
 def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Array:

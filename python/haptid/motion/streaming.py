@@ -110,12 +110,8 @@ def filtered(channels: Array, sections: Array, segments: Spans) -> Array:
 
 
 def _both_ways(sections: Array, channels: Array) -> Array:
-    """Channels (channels, n) through one filter for all, or one for each, both ways; as they are where too few."""
-    if channels.shape[1] <= padding(sections):
-        return channels
-    if (sections == sections[0]).all():
-        return both_ways(sections[0], channels)
-    return np.concatenate([both_ways(own, channel[None]) for own, channel in zip(sections, channels, strict=True)])
+    """Channels (channels, n) through the filter of each, both ways; as they are where there are too few samples."""
+    return channels if channels.shape[1] <= padding(sections) else both_ways(sections, channels)
 
 
 def padding(sections: Array) -> int:

@@ -4,6 +4,7 @@
 mod back_ends;
 mod dynamics;
 mod end_effector;
+mod filters;
 mod linear_algebra;
 mod mechanisms;
 mod play;
