@@ -44,6 +44,11 @@ def mat_of_letters(path: Path) -> None:
     io.savemat(path, {"q": Q, "tau": TAU, "jointNames": np.char.ljust(NAMES, 8), "sampleTime": DT})
 
 
+def mat_of_level_4(path: Path) -> None:
+    names = np.char.ljust(NAMES, 8)
+    io.savemat(path, {"q": Q, "tau": TAU, "joint_names": names, "fs": 1 / DT, "note": "by hand"}, format="4")
+
+
 def hdf5(path: Path) -> None:
     with h5py.File(path, "w") as file:
         file["q"], file["tau"] = Q, TAU
@@ -69,7 +74,15 @@ def drafted(tmp_path: Path, log: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("write", "suffix"), [(npz, "npz"), (mat, "mat"), (mat_of_letters, "mat"), (hdf5, "h5"), (attributes, "hdf5")]
+    ("write", "suffix"),
+    [
+        (npz, "npz"),
+        (mat, "mat"),
+        (mat_of_letters, "mat"),
+        (mat_of_level_4, "mat"),
+        (hdf5, "h5"),
+        (attributes, "hdf5"),
+    ],
 )
 def test_joints_are_those_of_the_list_beside_the_arrays(tmp_path: Path, write: Any, suffix: str) -> None:
     """They stood in the order of the columns, which is another one than the device's, without a word."""

@@ -78,12 +78,18 @@ class Content:
         rows = rows[:, start : start + _ROWS]
         good = np.flatnonzero(np.isfinite(rows).all(axis=1))
         names, rows = [names[k] for k in good], rows[good]
+        linked = _linked(rows)
         steady = [name in clocks or _steady(row) for name, row in zip(names, rows, strict=True)]
+        varying = [not steady[k] and np.ptp(row) > 0 for k, row in enumerate(rows)]
+        # What grows evenly, and has a rate that varies with its steps, is a position that turns on.
+        steady = [
+            own and (name in clocks or not (linked[k][varying] > _INTEGRAL).any())
+            for k, (name, own) in enumerate(zip(names, steady, strict=True))
+        ]
         moving = [k for k, row in enumerate(rows) if not steady[k] and np.ptp(row) > 0]
         if len(moving) < 2:
             return Content()
         time = next((k for k in range(len(names)) if steady[k] and not _counts(rows[k])), None)
-        linked = _linked(rows)
         found = _chains(linked[np.ix_(moving, moving)])
         first = next(k for k in range(len(names)) if not steady[k])
         arrays = [name.partition("[")[0] for name in names]
@@ -295,8 +301,15 @@ def _period(rows: NDArray[np.float64], pairs: list[tuple[int, int]]) -> float:
     return middle if all(abs(one - middle) < _SAME_PERIOD * abs(middle) for one in found) else 0.0
 
 
-def period_of(positions: Sequence[NDArray[np.generic]], rates: Sequence[NDArray[np.generic]]) -> float:
-    """Sampling period at which velocities are those of positions, in pairs, s; 0 where they are not, or disagree."""
+def period_of(
+    positions: Sequence[NDArray[np.generic]], rates: Sequence[NDArray[np.generic]], least: float = _NOISY_INTEGRAL
+) -> float:
+    """Sampling period at which velocities are those of positions, in pairs, s; 0 where they are not, or disagree.
+
+    Args:
+        positions, rates: (n,) each.
+        least: correlation of each pair, over some samples.
+    """
     rows = np.array([*positions, *rates], dtype=np.float64)
     rows = rows[:, np.isfinite(rows).all(axis=0)][:, :_ROWS]
     if rows.shape[1] < 100:
@@ -304,9 +317,13 @@ def period_of(positions: Sequence[NDArray[np.generic]], rates: Sequence[NDArray[
     count = len(positions)
     pairs = [(k, count + k) for k in range(count) if np.ptp(rows[k]) > 0 and np.ptp(rows[count + k]) > 0]
     alike = [float(np.corrcoef(*_gains(rows, i, j))[0, 1]) for i, j in pairs]
-    return _period(rows, pairs) if pairs and min(alike) > _NOISY_INTEGRAL else 0.0
+    return _period(rows, pairs) if pairs and min(alike) > least else 0.0
 
 
 def _gains(rows: NDArray[np.float64], i: int, j: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """By how much row i grows over some samples, and row j adds up to; noise becomes no walk, as in an integral."""
-    return rows[i, _LAG:] - rows[i, :-_LAG], np.convolve(rows[j] - rows[j].mean(), np.ones(_LAG), "valid")[1:]
+    """By how much row i grows over some samples, and row j adds up to, but for their means; noise becomes no walk.
+
+    The mean of a motion that turns on is as large as it is in the units of time, whatever the rate varies by.
+    """
+    grown, sums = rows[i, _LAG:] - rows[i, :-_LAG], np.convolve(rows[j] - rows[j].mean(), np.ones(_LAG), "valid")[1:]
+    return grown - grown.mean(), sums - sums.mean()

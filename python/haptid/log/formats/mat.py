@@ -101,7 +101,7 @@ def beside(path: Path) -> dict[str, RawChannel]:
     if kind in ("MAT 7.3", "HDF5"):
         return hdf5.beside(path)
     if kind == "MAT 4":
-        return {}
+        return mat4.beside(path)
     leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value, titled=False))
     return {
         name: array.ravel()

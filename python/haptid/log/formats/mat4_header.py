@@ -19,10 +19,11 @@ _CLASSES = (0, 1, 2)
 
 
 class Mat4Header(NamedTuple):
-    """Header of a matrix: byte order, type of its numbers, whether it is real numbers and no text, and its sizes."""
+    """Header of a matrix: byte order, type of its numbers, whether it is real numbers or letters, and its sizes."""
 
     dtype: np.dtype[np.generic]
     real: bool
+    text: bool
     rows: int
     columns: int
     name_bytes: int
@@ -49,5 +50,5 @@ def mat4_header(head: bytes) -> Mat4Header | None:
         if sizes and 0 <= kind < len(_TYPES) and what in _CLASSES:
             dtype = np.dtype(order + _TYPES[kind])
             total = rows * count * dtype.itemsize * (1 + imaginary)
-            return Mat4Header(dtype, what == 0 and not imaginary, rows, count, length, total)
+            return Mat4Header(dtype, what == 0 and not imaginary, what == 1, rows, count, length, total)
     return None

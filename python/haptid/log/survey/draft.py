@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from haptid.log.survey.names import (
     element_of,
     is_acceleration,
     may_be_rate,
+    unit_apart,
     words_of,
 )
 from haptid.log.survey.recognised import RATE_OF_RATE
@@ -35,6 +37,8 @@ _RATE_UNITS = {"rad": "rad/s", "deg": "deg/s", "turn": "turn/s", "m": "m/s", "mm
 _STRAIGHT = ({"m", "mm", "um"}, {unit for unit, (si, _) in TABLES["torque"].items() if si == "N"})
 # Units of torques and forces, which may be those at the joints.
 _MECHANICAL = frozenset(unit for unit, (si, _) in TABLES["torque"].items() if si in ("N m", "N"))
+# The letter of a coordinate, at the end of a name or alone.
+_OF_X = re.compile(r"[xX]$|(?<![^\W_])[xX](?=[_. ])")
 # Positions beyond this, m, of a prismatic joint are in mm.
 _METRES = 5.0
 # What a log of positions alone is good for, such as one of a servo arm that was guided by hand.
@@ -119,20 +123,15 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
         left = [c.name for c in topic.channels if c.usable and c.quantity == "other"]
         named = {c.name for c in topic.channels if c.usable and c.quantity in ("other", "position")}
         rates = [c.name for c in topic.channels if c.usable and c.quantity == "velocity"]
-        heads = [
-            (name[:-1], ends)
-            for name in named
-            for ends in ("xyz", "XYZ")
-            if name.endswith(ends[0]) and {name[:-1] + end for end in ends} <= named
-        ]
-        if heads:
-            names = " and ".join(", ".join(head + end for end in ends) for head, ends in sorted(heads)[:_POINTS])
+        if points := _points(named):
+            names = " and ".join(map(", ".join, points[:_POINTS]))
             lines.append(
                 f"# {names}: of a point in space, which does not tell how the joints stand; record each joint's own "
                 "position, and its motor's torque, current or command; of a machine with slides, give its "
                 "device file"
             )
-        if rates := [name for name in rates if not (heads and name[-1:] in "xyzXYZ")]:
+        of_points = {name for three in _points(rates) for name in three} if points else set()
+        if rates := [name for name in rates if name not in of_points]:
             lines.append(
                 f"# {channel_list(rates)}: velocities, which are not integrated; save the positions that they are of, "
                 "or their running sum times the sampling period as a channel of positions"
@@ -148,6 +147,19 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
     if not any(c.quantity == "torque" for topic in topics for c in topic.channels):
         lines += ['# torque = { channels = ["..."], unit = "N m" }  # of each motor']
     return "\n".join(lines) + "\n"
+
+
+def _points(names: Iterable[str]) -> list[list[str]]:
+    """Channels that are called x, y and z of a point, three of each: `pos_x`, `PosX [m]` or `x_pos`."""
+    own = {unit_apart(name)[0]: name for name in names}
+    found = []
+    for name in sorted(own):
+        for match in _OF_X.finditer(name):
+            ends = "xyz" if match[0] == "x" else "XYZ"
+            three = [name[: match.start()] + end + name[match.end() :] for end in ends]
+            if own.keys() >= {*three}:
+                found.append([own[one] for one in three])
+    return found
 
 
 def _other_positions(families: Sequence[ChannelFamily], chosen: ChannelFamily) -> list[str]:

@@ -93,7 +93,7 @@ class ChannelFamily:
     def of_a_point(self) -> bool:
         """Whether the channels are x, y and z of a point or a force in space, and of no joint."""
         ends = {re.split(r"[_. ]|(?<=[a-z])(?=[A-Z])", unit_apart(c.name)[0])[-1].lower() for c in self.channels}
-        return ends == {"x", "y", "z"}
+        return {"x", "y", "z"} in (ends, {head.lower() for head in self.heads})  # `pos_x`, `x_pos`
 
     @property
     def of_axes(self) -> bool:

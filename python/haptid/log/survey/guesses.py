@@ -18,6 +18,7 @@ from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.names import (
     COMMAND_WORDS,
     COUNTED_WORDS,
+    CURRENT_WORDS,
     QUANTITY_WORDS,
     base_of,
     drive_unit,
@@ -52,6 +53,11 @@ _METRES = 5.0
 _RATIO = re.compile(r"[^\W\d_][^/]*/")
 # Names of the rate of a cart's `x`, and the most poles that it carries.
 _RATES_OF_X, _POLES = ("x_dot", "xdot", "dx"), 3
+# A voltage that stays above this share of its greatest value feeds a drive, and moves nothing.
+_SUPPLY = 0.8
+# A numbered pose that is called as nothing else's but the joints'.
+_POSE = re.compile(r"(?:(?:joint|actual|measured|meas|robot)[_.]?)?poses?[_.]?\d+", re.I)
+_LAST_NUMBER = re.compile(r"\d+$")
 # Torques that are whole numbers, and reach more than this, are in a driver's unit.
 _WHOLE = 10.0
 
@@ -150,6 +156,8 @@ def guessed(
             return replace(channel, quantity=quantity, unit=unit, reason=reason)
         return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1] + _or(end))
     of_all = frozenset() if quantity == "position" and not is_straight(words) and is_straight(words | topic) else topic
+    if quantity == "torque" and drive_unit(words) == "voltage" and 0 < _SUPPLY * channel.high <= channel.low < largest:
+        return replace(channel, quantity="other", reason=f"from {channel.low:.4g} to {largest:.4g}, as of a supply")
     unit, reason = unit_of(quantity, words | of_all, largest, channel, source)
     return replace(channel, quantity=quantity, unit=unit, reason=reason)
 
@@ -196,7 +204,8 @@ def unit_of(
         counted, kind = channel.whole and largest > _WHOLE, drive_unit(words)
         if kind == "current" and (largest > _AMPERES or not counted):
             own = "; whole numbers: mA, or the driver's own unit (a servo's 2.69 or 6.5 mA)" if counted else ""
-            return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}{own}"
+            said = "a current" if words & CURRENT_WORDS else "a control output, as a current of Universal Robots"
+            return ("mA" if largest > _AMPERES else "A"), f"called {said}, up to {largest:.4g}{own}"
         if counted:
             return "counts", f"whole numbers up to {largest:.4g}, of a driver, a servo's load or a PWM; not N m"
         if kind == "voltage":
@@ -238,4 +247,27 @@ def lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
             largest = max(abs(channel.low), abs(channel.high))
             unit, reason = unit_of(quantity, frozenset({name}), largest, channel, "")
             made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
+    return made
+
+
+def posed(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
+    """Channels with numbered poses as positions, `pose_1` beside `vel_1`, where there are no others.
+
+    As many as velocities or torques, by the same numbers. A pose that is called that of a hand is none of joints.
+    """
+    numbers: dict[str, set[str]] = {}
+    for channel in channels:
+        kind = "pose" if _POSE.fullmatch(channel.name) and channel.quantity == "other" else channel.quantity
+        numbers.setdefault(kind, set()).add("".join(_LAST_NUMBER.findall(channel.name)))
+    alike = numbers.get("pose") in (numbers.get("velocity"), numbers.get("torque"))
+    if "position" in numbers or "pose" not in numbers or not alike:
+        return list(channels)
+    made = []
+    for channel in channels:
+        if _POSE.fullmatch(channel.name) and channel.quantity == "other":
+            largest = max(abs(channel.low), abs(channel.high))
+            unit, reason = unit_of("position", frozenset(), largest, channel, "")
+            reason = f"called a pose, which is that of a point unless it is one of each joint; {reason}"
+            channel = replace(channel, quantity="position", unit=unit, reason=reason)
+        made.append(channel)
     return made

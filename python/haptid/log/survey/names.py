@@ -11,7 +11,7 @@ from haptid.log.units import known_unit
 _VELOCITY = frozenset({"qd", "dq", "dqi", "dqs", "qds", "jv", "angvel", "vel", "velo", "velocity", "velocities",
                        "speed", "omega", "rpm", "tacho", "vitesse", "geschwindigkeit", "drehzahl",
                        "velocidad"})  # fmt: skip
-_CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
+CURRENT_WORDS = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
                       "corrente"})  # fmt: skip
 _VOLTAGE = frozenset({"voltage", "voltages", "volt", "volts", "vm", "vq", "uq", "spannung"})
 _DUTY = frozenset({"pwm", "duty"})
@@ -30,7 +30,7 @@ _STRAIGHT = frozenset({"cart", "slider", "slide", "carriage", "piston", "rail", 
 # In this order: a word that tells the quantity, before one that may belong to any.
 QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", _VELOCITY),
-    ("torque", _TORQUE | _CURRENT - {"i"}),
+    ("torque", _TORQUE | CURRENT_WORDS - {"i"}),
     ("torque", _VOLTAGE),
     ("velocity", frozenset({"v"})),
     ("position", _POSITION),
@@ -40,7 +40,8 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # Settings, differences from what is wanted, what is no joint's, and what is no motor's.
 NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip", "ee",
                       "eef", "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
-                      "temp", "temperature", "diff", "deviation", "lag", "droop", "direct",
+                      "temp", "temperature", "temperatures", "power", "mode", "modes", "status", "window", "scaling",
+                      "fraction", "ratio", "diff", "deviation", "lag", "droop", "direct",
                       "acc", "accel", "acceleration", "accelerations", "beschleunigung",
                       "ddq", "qdd", "ddqs", "qdds"})  # fmt: skip
 # Groups of settings, of which nothing is recorded.
@@ -51,6 +52,8 @@ COUNTED_WORDS = frozenset({"ticks", "counts", "count", "pulses"})
 _LETTERS = frozenset({"alpha", "beta", "gamma", "theta", "phi", "psi"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
+# What a controller puts out to a motor: a current in the tables of Universal Robots.
+_OUTPUT = frozenset({"control", "output"})
 # A command of nothing in particular stands for a torque.
 COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
 _TIME = frozenset({"t", "ts", "time", "times", "timestamp", "stamp", "date", "datetime", "sec", "secs", "seconds",
@@ -202,6 +205,8 @@ def quantity_of(name: str) -> Quantity:
     words = words_of(name) or last
     if len(parts) > 1 and _AXIS_NUMBER.fullmatch(parts[-1]) and not is_quantity(parts[-1]):
         last = words_of(parts[-2])  # `$AXIS_ACT.A1` of a KUKA controller
+    if last >= _OUTPUT and not last & (_POSITION | _VELOCITY):
+        return "torque"
     named = frozenset() if "states" in last else last & _JOINT  # those of joints are their velocities and torques too
     for known_words in (last - _JOINT, words - _JOINT, named):
         for quantity, known in QUANTITY_WORDS:
@@ -231,8 +236,8 @@ def drive_unit(words: frozenset[str]) -> str:
     """What a motor's signal is by its words: `"current"`, `"voltage"`, `"duty"`, or empty for a torque or a force."""
     if words & (_TORQUE | {"force"}) - _EFFORT:
         return ""
-    kinds = (("current", _CURRENT), ("voltage", _VOLTAGE), ("duty", _DUTY))
-    return next((kind for kind, known in kinds if words & known), "")
+    kinds = (("current", CURRENT_WORDS), ("voltage", _VOLTAGE), ("duty", _DUTY))
+    return next((kind for kind, known in kinds if words & known), "current" if words >= _OUTPUT else "")
 
 
 def is_straight(words: frozenset[str]) -> bool:

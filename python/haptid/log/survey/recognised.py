@@ -16,13 +16,15 @@ RATE_OF_RATE = "the rate of a velocity"
 
 
 def recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[ChannelSurvey]:
-    """Channels without telling names by how they move."""
+    """Channels without telling names by how they move; those that are called torques keep their units."""
     made = []
+    called = {channel.name for channel in channels if channel.quantity == "torque"}
     rates = dict(zip(content.positions, content.rates, strict=False))
     groups = [group for group in (content.torques, *content.others) if group]
+    # Those that are called torques first, then measured ones.
     groups.sort(
-        key=lambda group: bool(words_of(" ".join(group)) & (WANTED_WORDS | COMMAND_WORDS))
-    )  # measured ones first
+        key=lambda group: (not called >= {*group}, bool(words_of(" ".join(group)) & (WANTED_WORDS | COMMAND_WORDS)))
+    )
     torques, *left = groups or [()]
     for channel in channels:
         largest, words = max(abs(channel.low), abs(channel.high)), words_of(channel.name)
@@ -36,7 +38,7 @@ def recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Chan
             channel = replace(channel, quantity="velocity")
         elif channel.name in content.accelerations:
             channel = replace(channel, reason=RATE_OF_RATE)
-        elif channel.name in torques:
+        elif channel.name in torques and channel.name not in called:
             current = frozenset({"current"} if channel.name.rstrip("_0123456789") in ("i", "I") else ())
             unit, reason = unit_of("torque", current, largest, channel, "")
             others = " or ".join(" to ".join(dict.fromkeys((group[0], group[-1]))) for group in left)

@@ -23,9 +23,10 @@ from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts
 from haptid.log.survey.beside import column_names, of_listed_joints, stated_rate, texts_beside
 from haptid.log.survey.channels import A_PART, LOOKED_AT, STATED, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, timed, usual_step
+from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, posed, timed, usual_step
 from haptid.log.survey.names import NESTED, base_of, element_of, is_time, quantity_of
 from haptid.log.survey.recognised import recognised
+from haptid.log.survey.states import with_states
 from haptid.log.turns import turning_unit
 from haptid.log.units import scale
 
@@ -92,8 +93,15 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         if not any(channel.quantity == "position" for channel in channels):
             channels = recognised(channels, content)
         period = 0.0 if rate else _named_period(channels, path, kind) or content.dt
-        by_rates = _usual(1.0 / period) if period > 0 else 0.0
-    channels = _without_repeats(lettered(channels), path, kind)
+        by_rates = _usual_rate(period)
+    channels = _without_repeats(posed(lettered(channels)), path, kind)
+    if kind is not LEROBOT and len(channels) * count < _NUMBERS:
+
+        def values(names: list[str]) -> list[RawChannel]:
+            return list(_columns(path, kind, names, Request()).values())
+
+        channels = with_states(channels, values, rate)
+        by_rates = by_rates or (0.0 if rate else _usual_rate(_named_period(channels, path, kind)))
     channels = _turning(_without_times(channels, path, kind), path, kind)
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = _wrapped(channels, path, kind)
@@ -382,8 +390,11 @@ def _of_named_joints(
     return made
 
 
-def _usual(rate: float) -> float:
-    """The usual sampling rate that is meant, Hz, or this one to three digits."""
+def _usual_rate(period: float) -> float:
+    """The usual sampling rate that a period is meant for, Hz, or this one to three digits; 0 where there is none."""
+    if period <= 0:
+        return 0.0
+    rate = 1.0 / period
     scale = 10.0 ** math.floor(math.log10(rate))
     nearest = min((x * k * scale for x in _RATES for k in (1.0, 10.0)), key=lambda x: abs(x - rate))
     return nearest if abs(nearest - rate) < _ROUNDED * rate else float(f"{rate:.3g}")

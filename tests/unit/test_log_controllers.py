@@ -1,0 +1,124 @@
+"""Drafts of tables as controllers and their clients write them: names that mislead, and states side by side."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import io
+
+from haptid.log.by_content import Content
+from haptid.log.survey import survey
+from haptid.log.survey.names import quantity_of
+
+DT = 0.004
+T = np.arange(0.0, 8.0, DT)
+OMEGA, PHASE = np.array([1.3, 2.1, 3.4]), np.array([0.2, 1.9, 4.0])
+Q = np.sin(OMEGA * T[:, None] + PHASE) + 0.3 * np.cos(2.3 * OMEGA * T[:, None])
+QD, QDD = np.gradient(Q, DT, axis=0), np.gradient(np.gradient(Q, DT, axis=0), DT, axis=0)
+TAU = QDD * [0.4, 0.3, 0.2] + 5 * np.sin(Q) + 2 * np.tanh(20 * QD) + QD[:, [1, 2, 0]]
+
+
+def drafted(path: Path, **columns: np.ndarray) -> dict[str, Any]:
+    """The drafted channels of a table whose columns are numbered."""
+    numbered = {
+        f"{name}_{k}" if values.ndim > 1 else name: column
+        for name, values in columns.items()
+        for k, column in enumerate(np.atleast_2d(values.T))
+    }
+    np.savetxt(path, np.column_stack(list(numbered.values())), delimiter=",", header=",".join(numbered), comments="")
+    return dict(tomllib.loads(survey(path).table).get("channels", {}))
+
+
+def test_what_a_universal_robot_sends(tmp_path: Path) -> None:
+    """The controller's output was drafted as positions, and the joints' temperatures and modes with it."""
+    path = tmp_path / "log.csv"
+    motion = {
+        "timestamp": T,
+        "target_q": Q + 1e-3,
+        "actual_q": Q,
+        "actual_qd": QD,
+        "joint_temperatures": 30 + Q,
+        "joint_mode": np.full_like(Q, 253.0),
+        "actual_TCP_pose": np.hstack([Q, 0.1 * Q]),
+        "actual_TCP_force": np.hstack([TAU, TAU]),
+        "actual_joint_voltage": 47 + 0.2 * np.abs(Q),
+    }
+    names = [f"actual_current_{k}" for k in range(3)]
+    found = drafted(path, **motion, target_moment=TAU, joint_control_output=TAU / 9, actual_current=TAU / 10)
+    assert found["position"]["channels"] == [f"actual_q_{k}" for k in range(3)]
+    assert found["velocity"]["channels"] == [f"actual_qd_{k}" for k in range(3)]
+    assert (found["torque"]["channels"], found["torque"]["unit"]) == (names, "A")
+    found = drafted(path, **motion, joint_control_output=TAU / 9)
+    assert found["torque"]["channels"] == [f"joint_control_output_{k}" for k in range(3)]
+    assert (found["torque"]["unit"], found["torque"]["side"]) == ("A", "motor")
+    found = drafted(path, **motion, target_moment=TAU)
+    assert found["torque"]["channels"] == [f"target_moment_{k}" for k in range(3)]
+    assert "torque" not in drafted(path, **motion)
+
+
+def test_the_word_joint_alone_names_no_position_beside_what_is_none() -> None:
+    names = ("joint_temperatures_1", "joint_mode_1", "joint_power_1", "joint_status_1", "joint_ratio_1")
+    assert {quantity_of(name) for name in names} == {"other"}
+    assert quantity_of("joint_1") == "position"
+
+
+@pytest.mark.parametrize("head", ["pose", "joint_pose"])
+def test_numbered_poses_beside_rates_are_positions(tmp_path: Path, head: str) -> None:
+    """Also where their rates are of the other sign, by which they are not known."""
+    path = tmp_path / "log.csv"
+    found = drafted(path, **{"t": T, head: Q, "vel": -QD, "current": TAU})
+    assert found["position"] == {"channels": [f"{head}_{k}" for k in range(3)], "unit": "rad"}
+    assert found["torque"]["unit"] == "A"
+    assert "position" not in drafted(path, t=T, tcp_pose=Q, vel=-QD, current=TAU)
+    assert "position" not in drafted(path, t=T, pose=Q, vel=-QD[:, :2], current=TAU[:, :2])
+
+
+def test_what_is_called_a_current_stays_one_beside_positions_that_are_told_by_their_rates(tmp_path: Path) -> None:
+    """It was drafted in N m."""
+    found = drafted(tmp_path / "log.csv", t=T, a=Q, vel=QD, extra=TAU[:, ::-1] ** 2, current=TAU)
+    assert found["position"]["channels"] == ["a_0", "a_1", "a_2"]
+    assert found["torque"]["channels"] == ["current_0", "current_1", "current_2"]
+    assert found["torque"]["unit"] == "A"
+
+
+def test_a_position_that_turns_on_evenly_is_no_time() -> None:
+    """It was taken for the time, and the torque for nothing; the rate was told two thirds of what it is."""
+    turning, rate = 3 * T + 0.2 * Q[:, 0], 3 + 0.2 * QD[:, 0]
+    slow, its_rate = T + 1e-3 * Q[:, 0], 1 + 1e-3 * QD[:, 0]
+    for own, dot in ((turning, rate), (slow, its_rate)):
+        found = Content.of({"a": own, "b": dot, "c": TAU[:, 0]})
+        assert (found.time, found.positions, found.torques) == ("", ("a",), ("c",))
+        assert found.dt == pytest.approx(DT, rel=0.02)
+        found = Content.of({"t": T, "a": own, "b": dot, "c": TAU[:, 0]})
+        assert (found.time, found.positions, found.torques) == ("t", ("a",), ("c",))
+    jittered = T + 2e-4 * np.random.default_rng(3).standard_normal(T.size).clip(-1, 1)
+    assert Content.of({"t": jittered, "a": Q[:, 0], "b": QD[:, 0], "c": TAU[:, 0]}).time == "t"
+
+
+@pytest.mark.parametrize("rows", ["columns", "transposed", "by joint", "pairs", "no time"])
+def test_states_in_one_array_are_told_by_their_rates(tmp_path: Path, rows: str) -> None:
+    """`Q = [q qd qdd]` was drafted as the positions of nine joints."""
+    values = {
+        "by joint": np.stack([Q, QD, QDD], axis=2).reshape(T.size, -1),
+        "pairs": np.hstack([Q, QD]),
+    }.get(rows, np.hstack([Q, QD, QDD]))
+    saved = {"Q": values, "tau": TAU} | ({} if rows == "no time" else {"t": T})
+    io.savemat(tmp_path / "log.mat", {name: x.T if rows == "transposed" else x for name, x in saved.items()})
+    table = survey(tmp_path / "log.mat").table
+    found = tomllib.loads(table)["channels"]
+    places = ([1, 4, 7], [2, 5, 8]) if rows == "by joint" else ([1, 2, 3], [4, 5, 6])
+    assert (found["position"]["joints"], found["velocity"]["joints"]) == places
+    assert found["torque"] == {"field": "tau", "joints": [1, 2, 3], "unit": "N m"}
+    assert found.get("rate_hz") == (250 if rows == "no time" else None)
+
+
+def test_two_joints_that_move_as_a_circle_are_the_state_of_one_where_there_is_one_torque(tmp_path: Path) -> None:
+    circle = np.column_stack([np.sin(T), np.cos(T)])
+    for count in (2, 1):
+        np.savez(tmp_path / "log.npz", t=T, q=circle, tau=TAU[:, :count])
+        found = tomllib.loads(survey(tmp_path / "log.npz").table)["channels"]
+        assert ("velocity" in found) is (count == 1)
