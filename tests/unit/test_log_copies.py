@@ -78,6 +78,19 @@ def test_a_log_that_was_saved_again_or_cut_is_found(tmp_path: Path) -> None:
         assert found[1] > found[0] + 1.0
 
 
+@pytest.mark.parametrize(("every", "first"), [(2, 0), (3, 2), (10, 7)])
+def test_every_other_sample_of_a_log_is_found(tmp_path: Path, every: int, first: int) -> None:
+    """A copy at a lower rate validated the log that it is of."""
+    table = recorded(0)
+    one, slower = read(written(tmp_path / "one.csv", table)), read(written(tmp_path / "s.csv", table[first::every]))
+    for logs, start in (((one, slower), 0.0), ((slower, one), T[first])):
+        found = same_samples(*logs)
+        assert found is not None
+        assert found[0] == pytest.approx(start, abs=1e-6)
+    repeated = read(written(tmp_path / "r.csv", recorded(1, 0.001)[first::every]))
+    assert same_samples(one, repeated) is None
+
+
 @pytest.mark.parametrize("share", [0.001, 0.01])
 def test_a_motion_that_is_repeated_is_another_recording(tmp_path: Path, share: float) -> None:
     one, other = (read(written(tmp_path / f"{k}.csv", recorded(k, share))) for k in range(2))

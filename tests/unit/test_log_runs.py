@@ -117,6 +117,33 @@ def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
         assert "holds 2 runs" in surveyed.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("names", "apart"),
+    [
+        (("run1", "run2"), True),
+        (("train", "test"), True),
+        (("joint1", "joint2"), False),
+        (("left_arm", "right_arm"), False),
+        (("elbow", "wrist"), False),
+    ],
+)
+@pytest.mark.parametrize("header", ["t,q1,q2,tau1,tau2", ""])
+def test_without_a_device_runs_are_not_joined_and_limbs_are(
+    tmp_path: Path, names: tuple[str, str], apart: bool, header: str
+) -> None:
+    """Two runs of two joints were drafted as one of four, or those without a header as the longer one alone."""
+    for k, name in enumerate(names):
+        t, q, tau = motion(2, k, 600 + 50 * k * apart)
+        path, values = tmp_path / "log" / f"{name}.csv", np.column_stack([t, q, np.gradient(q, t, axis=0), tau])
+        path.parent.mkdir(exist_ok=True)
+        head = header.replace("tau1", "dq1,dq2,tau1")
+        np.savetxt(path, values, delimiter=",", header=head, comments="")
+    (tmp_path / "log" / "notes.csv").write_text("what,who\nfirst,me\n")
+    asked = CliRunner().invoke(app, ["channels", str(tmp_path / "log"), "--toml"])
+    assert asked.exit_code == (2 if apart else 0), asked.output
+    assert ("have positions and torques each" in asked.output) is apart
+
+
 def test_of_many_runs_each_is_held_out_and_those_in_another_unit_are_named(tmp_path: Path) -> None:
     for k in range(5):
         t, q, tau = motion(2, k)

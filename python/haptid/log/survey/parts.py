@@ -11,7 +11,7 @@ from haptid.errors import HaptidError, LogFileError
 from haptid.log.formats.folders import is_pattern, log_files, matched_files, natural, root_of, table_files
 from haptid.log.survey.families import MEASURED_WORDS, TREATED_WORDS, WANTED_WORDS
 from haptid.log.survey.joint_names import owners
-from haptid.log.survey.names import NEITHER, is_time, quantity_of
+from haptid.log.survey.names import NEITHER, is_time, quantity_of, words_of
 from haptid.log.survey.read import survey
 
 # Words beside a quantity's that tell which one of its kind a file has.
@@ -21,6 +21,9 @@ _BOUNDARY = re.compile(r"[/_\-. ]")
 _WHOLE = {"position", "torque"}
 # Words of joints by number.
 _NUMBERED_JOINT = r"(?:joint|axis|j|a)_?\d+"
+# Names of joints or limbs by number, and words of runs that have none.
+_LIMB = re.compile(r"(?<![^\W\d_])(?:joint|axis|j|a|q|motor|servo|leg|arm|finger|limb|link)[_ ]?\d+", re.I)
+_RUNS = frozenset({"train", "training", "test", "testing", "val", "valid", "validation", "validate", "identification"})
 # Files of which each is looked at, where their names do not tell what they have.
 _LOOKED_AT = 8
 # Recordings that are named in a sentence.
@@ -45,10 +48,10 @@ def recordings(
         belong together, or where a folder of one recording is given: it is a log itself.
 
     Raises:
-        LogFileError: a path with one `*` would stand for other files too, or is given and stands for files of which
-            each has positions and torques, without a device that tells whether these are of all joints.
+        LogFileError: a path with one `*` would stand for other files too; or, without a device that tells whether they
+            are of all joints, a path or a folder is given of files of which each has positions and torques.
     """
-    if joints is None and len(paths) == 1 and is_pattern(paths[0]):
+    if joints is None and len(paths) == 1:
         _check_apart(paths[0])
     folder = paths[0] if len(paths) == 1 and paths[0].is_dir() else None
     files = list(paths) if folder is None else _tables_in(folder)
@@ -296,17 +299,31 @@ def _prefix(texts: Sequence[str]) -> str:
     return low[: next((k for k, (a, b) in enumerate(zip(low, high, strict=False)) if a != b), len(low))]
 
 
-def _check_apart(pattern: Path) -> None:
-    """Refuse a path with one `*` that stands for files of which each has positions and torques by itself."""
-    files = log_files(pattern)[:_LOOKED_AT]
-    if len(files) > 1 and all(_has_all(file) for file in files):
+def _check_apart(path: Path) -> None:
+    """Refuse a path with one `*`, or a folder of runs, that stands for files of which each has all by itself."""
+    files = table_files(path) if path.is_dir() else log_files(path) if is_pattern(path) else []
+    whole = [file for file in files[:_LOOKED_AT] if _has_all(file)] if len(files) > 1 else []
+    if path.is_dir():
+        apart, what = _are_runs([file.stem for file in whole]), "a folder is one log, of a file for each signal"
+    else:
+        apart, what = len(whole) == len(files[:_LOOKED_AT]), "`*` stands for files of one quantity each"
+    if len(whole) > 1 and apart:
         raise LogFileError(
-            f"{pattern}: `*` stands for files of one quantity each; {files[0].name} and {files[1].name} have positions "
-            "and torques each.",
-            where=pattern,
+            f"{path}: {what}; {whole[0].name} and {whole[1].name} have positions and torques each.",
+            where=path,
             advice="Name one of them; with --device DEVICE they are drafted as several logs, or as one where each is "
             "of other joints.",
         )
+
+
+def _are_runs(stems: Sequence[str]) -> bool:
+    """Whether names of files differ by numbers, or words, of runs, and not by those of joints or limbs."""
+    start = len(_prefix(stems)) if stems else 0
+    end = len(_prefix([stem[start:][::-1] for stem in stems])) if stems else 0
+    own = [stem[start : len(stem) - end] for stem in stems]
+    numbered = any(letter.isdecimal() for text in own for letter in text)
+    limbs = all(_LIMB.search(stem) for stem in stems)
+    return (numbered and not limbs) or any(words_of(stem) & _RUNS for stem in stems)
 
 
 def _has_all(file: Path) -> bool:
