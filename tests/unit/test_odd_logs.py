@@ -10,12 +10,13 @@ from haptid.advice.trial import Bench
 RNG_SEEDS, ROWS = range(6), 400
 
 
-def logs_of(seed, second, change):
+def logs_of(seed, second, change, block=ROWS // 8):
     """Three logs of one motor and two parameters of value one, besides which an unmodelled torque acts on all alike.
 
     Args:
         second: size of the second column in the first two logs; it is 1 in the third.
         change: of the second parameter in the third log.
+        block: rows of a block.
     """
     rng = np.random.default_rng(seed)
     log = np.repeat([0, 1, 2], ROWS)
@@ -24,7 +25,7 @@ def logs_of(seed, second, change):
     W = np.stack([np.cos(2.3 * t), np.where(log < 2, second, 1.0) * (bend + 0.3 * np.cos(1.7 * t))], axis=-1)
     theta = np.stack([np.ones(len(t)), np.where(log == 2, 1.0 + change, 1.0)], axis=-1)
     y = (W * theta).sum(axis=-1) + 0.05 * bend + 0.02 * rng.standard_normal(len(t))
-    block = np.arange(len(t)) // (ROWS // 8)
+    block = np.arange(len(t)) // block
     used = np.ones((1, len(t)), dtype=bool)
     zeros = np.zeros((1, len(t)))
     rows = TrialRows(W[None], y[None], used, block, t, (), zeros, zeros, np.arange(len(t)), log)
@@ -46,3 +47,11 @@ def test_a_log_whose_motion_the_others_do_not_show_is_not_another_device(seed):
 def test_a_log_of_another_device_is_named(seed):
     assert list(odd_logs(*logs_of(seed, 1.0, 0.5))) == [2]
     assert list(odd_logs(*logs_of(seed, 1.0, 0.0))) == []
+
+
+@pytest.mark.parametrize("seed", RNG_SEEDS)
+def test_blocks_that_span_two_logs_do_not_hide_the_odd_one(seed):
+    """Of many logs, neighbouring blocks are merged: one of them had rows of the odd log in the fit of the others."""
+    rows, bench = logs_of(seed, 1.0, 0.5, ROWS * 3 // 2)
+    assert np.unique(rows.log[rows.block == 1]).tolist() == [1, 2]
+    assert list(odd_logs(rows, bench)) == [2]

@@ -26,23 +26,25 @@ def odd_logs(rows: TrialRows, bench: Bench) -> Iterator[int]:
         bench: of these rows; candidates are left aside.
     """
     bench = bench.without_candidates()
-    logs, of_blocks = np.unique(rows.log), rows.log[np.searchsorted(rows.block, np.arange(rows.blocks))]
+    logs, number = np.unique(rows.log, return_inverse=True)
     if len(logs) < 3:  # of two, none is the odd one
         return
-    grams = bench.grams["used"]
+    # The blocks of a trial may span the end of one log and the start of the next.
+    grams = replace(rows, block=number).grams(columns=bench.base)
 
     def squares(weights: Array) -> Array:
-        """Weighted squared residuals under a fit in which blocks have these weights, (motors, rows)."""
+        """Weighted squared residuals under a fit in which logs have these weights, (motors, rows)."""
         weighted = replace(grams, values=grams.values * weights[:, None, None, None])
-        fitted = bench.fit(Setting(), np.arange(bench.blocks), weighted)
+        fitted = bench.fit(Setting(), np.arange(len(logs)), weighted)
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, 0.0)
         return np.asarray((e * bench.weights[:, None]) ** 2)
 
     def stands_out(e2: Array, k: int, limit: float) -> bool:
-        own, others = (e2[:, part].sum() / max(rows.used[:, part].sum(), 1) for part in (rows.log == k, rows.log != k))
+        own, others = (e2[:, part].sum() / max(rows.used[:, part].sum(), 1) for part in (number == k, number != k))
         return bool(own > limit * others)
 
-    alike = squares(1.0 / np.array([max(rows.used[:, rows.log == k].sum(), 1) for k in of_blocks]))
-    for k in logs:
-        if stands_out(alike, k, _BEARS_MOST) and stands_out(squares((of_blocks != k).astype(float)), k, _FAR_OFF):
-            yield int(k)
+    alike = squares(1.0 / np.maximum(np.bincount(number, rows.used.sum(axis=0)), 1))
+    for k, log in enumerate(logs):
+        others = (np.arange(len(logs)) != k).astype(float)
+        if stands_out(alike, k, _BEARS_MOST) and stands_out(squares(others), k, _FAR_OFF):
+            yield int(log)
