@@ -129,6 +129,44 @@ def test_without_noise_a_payload_is_exact_whatever_is_known_of_it(model, known):
     )
 
 
+@pytest.mark.parametrize("known", [{}, {"mass": 0.8}])
+def test_a_payload_on_another_link_than_said_is_told(model, known):
+    """A body of 0.8 kg on the last link was given as one of 0.3 to 1 kg on the second, with narrow intervals."""
+    bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
+    (note,) = haptid.identify_payloads(model, bare, [(unknown(link="2", **known), loaded)]).notes
+    assert note.startswith("Payload tool is better explained on link 3")
+    assert ("mass 0.8" in note) is not bool(known)
+    assert haptid.identify_payloads(model, bare, [(unknown(link="3", **known), loaded)]).notes == ()
+
+
+def test_a_body_that_another_link_would_explain_as_well_is_said_to_be_untold(model):
+    bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, link="2", seconds=16.0)
+    (note,) = haptid.identify_payloads(model, bare, [(unknown(link="3"), loaded)]).notes
+    assert note.startswith("These logs do not tell whether payload tool is on link 3, or on 2 with ")
+
+
+def test_a_change_that_is_no_body_is_said(model):
+    """Friction that is taken as that of the bare device, and is not."""
+    bare = recorded(model, None, 2, seconds=16.0)
+    for friction, notes in ((1.0, 0), (1.8, 1)):
+        loaded = recorded(model, LOAD, 3, seconds=16.0, friction=friction)
+        found = haptid.identify_payloads(model, bare, [(unknown(link="3"), loaded)], shared_friction=True).notes
+        assert len(found) == notes
+        assert all("something else changed too" in note for note in found)
+
+
+def test_a_right_link_is_seldom_doubted_under_friction_that_the_model_lacks(model):
+    """Beside friction in proportion to the torque, and ripple, of which the rows of both logs have other parts."""
+    doubted = 0
+    for seed in range(12):
+        motions = [recorded(model, load, 2 * seed + k) for k, load in enumerate((None, LOAD))]
+        for k, one in enumerate(motions):
+            more = 0.06 * np.abs(one.tau) * np.tanh(10 * np.gradient(one.q, one.dt, axis=0)) + 0.03 * np.sin(7 * one.q)
+            motions[k] = haptid.Motion(one.dt, one.q, one.tau + more, one.treatment, rates=one.rates)
+        doubted += bool(haptid.identify_payloads(model, motions[0], [(unknown(), motions[1])]).notes)
+    assert doubted <= stats.binom.ppf(0.999, 12, 0.05)
+
+
 def test_intervals_of_a_payload_cover_it(model):
     """Forty pairs of logs: the hits of mass and centre of mass are binomial at 95 %."""
     bare_uncertain, hits = [], []

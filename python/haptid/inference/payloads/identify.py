@@ -33,6 +33,7 @@ from haptid.inference.payloads.body import FIGURE_UNITS, FIGURES, AttachedBody, 
 from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, PayloadIdentification
 from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
+from haptid.inference.payloads.links import LinkTest, links_of
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, concatenated, observe
@@ -86,7 +87,8 @@ def identify_payloads(
     _check(model, bare_data, load_data, gains)
     static = any(isinstance(recording, Poses) for recording in bare_data)
     own = static_model(model) if static else model
-    wide = payload_model(model, sorted({body.link for body in bodies}, key=model.device.joint_names.index))
+    carrying = {body.link for body in bodies} | {*links_of(model)}
+    wide = payload_model(model, sorted(carrying, key=model.device.joint_names.index))
     wide = static_model(wide) if static else wide
     to_wide = embedding(own, wide)
     observations = [_observed(wide, data) for data in (bare_data, *(data for _, data in load_data))]
@@ -95,6 +97,8 @@ def identify_payloads(
     rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(observations)]
     fit, left_out = _fitted(rows, observations[0], gains)
     payloads = [_payload(wide, body, fit, layout.columns(k), static) for k, body in enumerate(bodies)]
+    test = LinkTest(own, wide, layout, tuple(bodies), tuple(observations), fit)
+    notes = [removed(model, bodies) if wide is not own else "", *(test.note(k) for k in range(len(bodies)))]
     labels = [observations[0].motors[k].label for k in fit.motors]
     size = [motor.rows.sum() for motor in fit.rows.motors]
     unknowns = np.append(fit.x, np.zeros(len(fit.gains)))
@@ -105,7 +109,7 @@ def identify_payloads(
         gains=_gains(fit, observations[0], left_out) if gains else None,
         base=_base(own, fit, layout),
         residual={label: float(value) for label, value in zip(labels, rms, strict=True)},
-        notes=() if wide is own or not removed(model, bodies) else (removed(model, bodies),),
+        notes=tuple(filter(None, notes)),
     )
 
 
