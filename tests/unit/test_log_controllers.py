@@ -122,3 +122,60 @@ def test_two_joints_that_move_as_a_circle_are_the_state_of_one_where_there_is_on
         np.savez(tmp_path / "log.npz", t=T, q=circle, tau=TAU[:, :count])
         found = tomllib.loads(survey(tmp_path / "log.npz").table)["channels"]
         assert ("velocity" in found) is (count == 1)
+
+
+def test_rows_that_were_damaged_tell_no_unit(tmp_path: Path) -> None:
+    """Positions were drafted in degrees, and half of the velocities in rad/s, by seven rows at the start of a file."""
+    table = np.column_stack([T, Q, QD, TAU])
+    table[1, 1:4], table[3, [2, 5, 9]] = 253.0, 1e282
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",")
+    found = survey(tmp_path / "log.csv")
+    channels = tomllib.loads(found.table)["channels"]
+    assert channels["position"] == {"field": "column", "joints": [2, 3, 4], "unit": "rad"}
+    assert channels["velocity"]["unit"] == "rad/s"
+    (note,) = (note for note in found.notes if note.startswith("column[3]"))
+    assert "values up to 1e+282 in rows 2, 4, far beyond all others" in note
+    assert survey(written(tmp_path, np.column_stack([T, 90 * Q, QD, TAU]))).notes == found.notes[:1]
+
+
+def written(folder: Path, table: np.ndarray) -> Path:
+    np.savetxt(folder / "other.csv", table, delimiter=",")
+    return folder / "other.csv"
+
+
+def test_velocities_are_in_the_unit_of_their_positions(tmp_path: Path) -> None:
+    """A joint that moves little fits radians too, and so its velocity was drafted beside others in degrees."""
+    small = np.array([1.0, 90.0, 60.0])
+    found = drafted(tmp_path / "log.csv", t=T, q=Q * small, qd=QD * small, tau=TAU)
+    assert (found["position"]["unit"], found["velocity"]["unit"]) == ("deg", "deg/s")
+
+
+def test_a_torque_like_another_signal_stays_in_its_block(tmp_path: Path) -> None:
+    """The third torque was passed over for a column of the next block."""
+    ripple = 0.18 * Q[:, 2].std() * np.sign(np.sin(90 * T))
+    table = np.column_stack([T, Q, QD, TAU[:, :2], 1.05 * Q[:, 2] + ripple, TAU * 0.9 + 0.2])
+    found = tomllib.loads(survey(written(tmp_path, table)).table)["channels"]
+    assert found["torque"]["joints"] == [8, 9, 10]
+
+
+def test_a_plan_in_another_unit_adds_no_joint(tmp_path: Path) -> None:
+    """A planned velocity in rad/s beside degrees, whose rate is there too, was drafted as one joint more."""
+    plan = [np.deg2rad(x) for x in (90 * Q, 90 * QD, 90 * QDD)]
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(Q.shape)
+    table = np.column_stack([T, 90 * (Q + noise), 90 * QD, TAU, *plan])
+    found = tomllib.loads(survey(written(tmp_path, table)).table)["channels"]
+    assert (found["position"]["joints"], found["position"]["unit"]) == ([2, 3, 4], "deg")
+    assert found["torque"]["joints"] == [8, 9, 10]
+
+
+def test_a_position_that_is_called_one_is_no_time(tmp_path: Path) -> None:
+    """That of a wheel, or of a body that walks on, was drafted as the time where there is none."""
+    found = drafted(tmp_path / "log.csv", q_wheel=3 * T + 0.1 * Q[:, 0], q_arm=Q[:, 1], tau_wheel=TAU[:, 0])
+    assert "time" not in found
+    assert found["position"]["channels"] == ["q_wheel", "q_arm"]
+
+
+def test_a_rate_that_no_log_has_is_not_drafted(tmp_path: Path) -> None:
+    """A position that is wrapped, and its rate in another unit, told a hundredth of a hertz."""
+    found = drafted(tmp_path / "log.csv", theta=Q[:, 0], theta_dot=1e-4 * QD[:, 0], current=TAU[:, 0])
+    assert "rate_hz" not in found

@@ -14,6 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid.log.far_off import far_off
+
 # Columns and rows that are used, at most.
 _MOST, _ROWS = 64, 20_000
 # Least correlation of a column with the integral of its rate, and of two copies of one signal.
@@ -76,6 +78,7 @@ class Content:
         rows = _of_one_run(np.array([columns[name] for name in names], dtype=np.float64))
         start = max(0, (rows.shape[1] - _ROWS) // 2)
         rows = rows[:, start : start + _ROWS]
+        rows = rows[:, ~np.any([far_off(row) for row in rows], axis=0)]
         good = np.flatnonzero(np.isfinite(rows).all(axis=1))
         names, rows = [names[k] for k in good], rows[good]
         linked = _linked(rows)
@@ -98,7 +101,7 @@ class Content:
         if own:  # positions and rates are one array
             first = next(k for k, array in enumerate(arrays) if array == own.most_common(1)[0][0] and not steady[k])
         at, block = _whole_block(pairs, first, linked)
-        heads = sorted(i for i in at if i not in set(at.values()))
+        heads = [k for k in sorted(set(at) - set(at.values())) if k in block or not _scaled(rows, k, at, block)]
         together = len(set(arrays)) > 1 and {arrays[k] for k in heads} == {arrays[first]}
         heads = _measured(rows, heads, at if together else {}, block)
         second = _second_rates(at, heads, len(names))
@@ -132,13 +135,27 @@ class Content:
 
 def _left(rows: NDArray[np.float64], left: Sequence[int], heads: Sequence[int], used: set[int]) -> list[list[int]]:
     """Groups as large as that of the positions, of the columns that are left and are no copies of those in use."""
-    left = [k for k in left if not _copied(rows, k, used)]
+    left = _without_copies(rows, left, heads, used)
     groups = [list(left[k : k + len(heads)]) for k in range(0, len(left), len(heads) or 1)] if heads else []
     if len(groups) > 1:  # joints whose columns stand still at the end of the last one, as those without a sensor
         last = groups[-1]
         while len(last) < len(heads) and last[-1] + 1 < len(rows) and np.ptp(rows[last[-1] + 1]) == 0:
             last.append(last[-1] + 1)
     return [group for group in (_filled(group, rows, used) for group in groups) if len(group) == len(heads)]
+
+
+def _without_copies(rows: NDArray[np.float64], left: Sequence[int], heads: Sequence[int], used: set[int]) -> list[int]:
+    """Columns that are no copies of those in use; one among others that are none is a torque that looks like one.
+
+    Blocks of columns as wide as that of the positions, behind those in use, are taken or left as a whole.
+    """
+    copies = {k for k in left if _copied(rows, k, used)}
+    size, after = len(heads), max(used, default=-1) + 1
+    if size > 2 and list(heads) == list(range(heads[0], heads[0] + size)):
+        for start in range(after, len(rows) - size + 1, size):
+            own = copies & {*range(start, start + size)}
+            copies -= own if 2 * len(own) < size else set()
+    return [k for k in left if k not in copies]
 
 
 def _steady(row: NDArray[np.float64]) -> bool:
@@ -255,6 +272,13 @@ def _copied(rows: NDArray[np.float64], k: int, used: set[int]) -> bool:
     """Whether a column is one of those that are in use, planned or filtered: of the same size too."""
     z, size = _straightened(rows[[k, *sorted(used)]]), np.std(rows[sorted(used)], axis=1) / np.std(rows[k])
     return bool(((z[1:] @ z[0] > _COPY) & _of_one_size(size)).any())
+
+
+def _scaled(rows: NDArray[np.float64], k: int, at: Mapping[int, int], block: range) -> bool:
+    """Whether a column outside a block of positions is one of its rates in another unit, as a plan's velocity."""
+    rates = [at[i] for i in block]
+    z = _straightened(rows[[k, *rates]])
+    return bool((np.abs(z[1:] @ z[0]) > _COPY).any())
 
 
 def _of_one_size(ratios: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -254,7 +254,7 @@ def _left(topics: Sequence[TopicSurvey], position: ChannelFamily) -> list[str]:
 
 def _velocity_line(rates: Sequence[ChannelFamily], position: ChannelFamily) -> list[str]:
     """The velocities of the positions, one for each and in the same rows."""
-    units = [_RATE_UNITS.get(channel.unit, "") for channel in position.channels]
+    units = [_RATE_UNITS.get(unit, "") for unit in _written_units(position.channels)]
     samples = min(channel.count for channel in position.channels)
     for family in (rate.ordered(position) for rate in rates):
         own = [channel.unit or unit for channel, unit in zip(family.channels, units, strict=False)]
@@ -378,27 +378,22 @@ def _before_gears(position: ChannelFamily) -> bool:
 
 def _signal_line(key: str, family: ChannelFamily, before_gears: bool = False) -> str:
     family = replace(family, channels=_of_stated_units(family.channels))
-    units = dict.fromkeys(channel.unit for channel in family.channels)
+    units = _written_units(family.channels)
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
     where = _where(family)
-    unit, reason = next(iter(units)), next(iter(reasons))
-    told = any(_is_stated(channel) for channel in family.channels)
-    mixed = len(units) > 1 and (told or _mixed(units))
-    reason = "; ".join(reasons) if told else reason
-    if len(units) > 1 and not mixed:
-        # A small joint, or a small motor, fits both units; that with the largest values tells which.
-        largest = max(family.channels, key=lambda channel: max(abs(channel.low), abs(channel.high)))
-        unit, reason = largest.unit, f"{largest.reason} ({largest.name}; the others fit too)"
+    unit, reason = units[0], next(iter(reasons))
+    mixed = len(set(units)) > 1
+    if any(_is_stated(channel) for channel in family.channels):
+        reason = "; ".join(reasons)
+    elif not mixed and len({channel.unit for channel in family.channels}) > 1:
+        largest = _largest(family.channels)
+        reason = f"{largest.reason} ({largest.name}; the others fit too)"
     still = [channel.name for channel in family.channels if not channel.usable]
     constant = ""
     if still:
         reason += f"; without a change, is it connected?: {', '.join(still[:6])}"
         constant = ", constant_ok = true" if len(still) < len(family.channels) else ""
-    written = (
-        "[" + ", ".join(basic_string(channel.unit) for channel in family.channels) + "]"
-        if mixed
-        else basic_string(unit)
-    )
+    written = "[" + ", ".join(map(basic_string, units)) + "]" if mixed else basic_string(unit)
     words = words_of(family.array)
     commanded = key == "torque" and (unit not in _MECHANICAL or (bool(words) and words <= COMMAND_WORDS))
     side = ', side = "motor"' if commanded or before_gears else ""
@@ -418,6 +413,20 @@ def _signal_line(key: str, family: ChannelFamily, before_gears: bool = False) ->
         counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
         reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
     return f"{key} = {{ {where}, unit = {written}{counted}{more}{side}{constant} }}  # guess: {reason}"
+
+
+def _written_units(channels: Sequence[ChannelSurvey]) -> list[str]:
+    """Unit of each channel as it is written: guesses of one kind are those of the channel with the largest values.
+
+    A small joint, or a small motor, fits both units; the largest one tells which.
+    """
+    own = [channel.unit for channel in _of_stated_units(channels)]
+    apart = any(map(_is_stated, channels)) or _mixed(own)
+    return own if apart else [_largest(channels).unit] * len(own)
+
+
+def _largest(channels: Sequence[ChannelSurvey]) -> ChannelSurvey:
+    return max(channels, key=lambda channel: max(abs(channel.low), abs(channel.high)))
 
 
 def _is_stated(channel: ChannelSurvey) -> bool:

@@ -105,7 +105,7 @@ def _with_times_of_samples(
     topic: TopicSurvey, times: dict[str, list[RawChannel]], stamps: Sequence[NDArray[np.int64]]
 ) -> TopicSurvey:
     """A topic with the times of its samples, as `time_from_start` of one message's points, which share its stamp."""
-    if topic.count < 2 or (np.diff(np.concatenate(stamps)) > 0).any():
+    if topic.count < 2 or not stamps or (np.diff(np.concatenate(stamps)) > 0).any():
         return topic
     for channel in topic.channels:
         column = np.concatenate(times.get(channel.name, [np.empty(0)]))

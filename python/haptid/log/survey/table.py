@@ -14,8 +14,9 @@ import numpy as np
 from haptid.errors import LogFileError
 from haptid.log.by_content import Content, period_of
 from haptid.log.checks import wrap_period
+from haptid.log.far_off import far_off
 from haptid.log.file_format import LEROBOT, Format
-from haptid.log.formats.sniff import RawChannel, group_of
+from haptid.log.formats.sniff import RawChannel, channel_list, group_of
 from haptid.log.log import Signal
 from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
@@ -38,8 +39,12 @@ _NUMBERS = 20_000_000
 _FRACTION = 500.0
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
 _RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
+# Rates that a log may have, Hz.
+_SLOWEST, _FASTEST = 5.0, 1e5
 # Columns of joints' names: of the array `name` of a JointState, or without a header.
 _NAMING = re.compile(r"(?:(?<![A-Za-z])names?[_.]?\[?\d+\]?|^column\[\d+\])$")
+# Share of the usual step by which those of times differ at most, of a channel that is called something else.
+_EVEN = 0.02
 # Share of its deviation by which a channel that was taken again differs at most.
 _AGAIN = 0.02
 
@@ -71,7 +76,9 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         for name, column in columns.items():
             count = max(count, column.size)
             found, register = ChannelRange(), register_of(column)
-            found.add(register.signed(column.astype(np.float64, copy=False)) if register else column)
+            found.add(
+                _sound(register.signed(column.astype(np.float64, copy=False)) if register else column, name, notes)
+            )
             title = called.get(name, name)
             channel = replace(found.channel(title, column.size), register=register)
             if is_time(title):
@@ -129,6 +136,18 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         stated_hz=stated_hz,
         stated_by=stated_by,
     )
+
+
+def _sound(column: RawChannel, name: str, notes: list[str]) -> RawChannel:
+    """A column with another value in place of those far beyond all others, which tell no unit; they are noted."""
+    odd = far_off(column.astype(np.float64)) if column.dtype.kind == "f" else np.zeros(column.shape, dtype=bool)
+    if not odd.any():
+        return column
+    places = channel_list([str(k + 1) for k in np.flatnonzero(odd)])
+    notes.append(
+        f"{name}: values up to {np.abs(column[odd]).max():.3g} in rows {places}, far beyond all others: damaged?"
+    )
+    return np.where(odd, column[~odd][0], column)
 
 
 def _rate_of_positions(
@@ -228,7 +247,7 @@ def _without_times(channels: Sequence[ChannelSurvey], path: Path, kind: Format) 
     made = []
     for channel in channels:
         time = spans.get((channel.low, channel.high, channel.count))
-        if time is not None and channel not in times:
+        if time not in (None, channel.name) and channel not in times:
             own, same = _columns(path, kind, [channel.name, time], Request()).values()
             if np.array_equal(own, same):
                 channel = replace(channel, quantity="other", unit="", reason=f"the same as {time}")
@@ -254,7 +273,11 @@ def _with_times(
     if not name or any(channel.quantity == "time" for channel in channels):
         return list(channels), 0.0
     k = next(k for k, channel in enumerate(channels) if channel.name == name)
-    channel, rate = timed(channels[k], _columns(path, kind, [name], Request())[name], "")
+    column = _columns(path, kind, [name], Request())[name]
+    steps = np.diff(column.astype(np.float64))
+    if channels[k].quantity != "other" and np.ptp(steps) > _EVEN * abs(np.median(steps)):
+        return list(channels), 0.0  # a position that turns on, and is called one
+    channel, rate = timed(channels[k], column, "")
     return [*channels[:k], channel, *channels[k + 1 :]], rate
 
 
@@ -392,9 +415,9 @@ def _of_named_joints(
 
 def _usual_rate(period: float) -> float:
     """The usual sampling rate that a period is meant for, Hz, or this one to three digits; 0 where there is none."""
-    if period <= 0:
+    rate = 1.0 / period if period > 0 else 0.0
+    if not _SLOWEST <= rate <= _FASTEST:
         return 0.0
-    rate = 1.0 / period
     scale = 10.0 ** math.floor(math.log10(rate))
     nearest = min((x * k * scale for x in _RATES for k in (1.0, 10.0)), key=lambda x: abs(x - rate))
     return nearest if abs(nearest - rate) < _ROUNDED * rate else float(f"{rate:.3g}")
