@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import io
 
+from haptid.log import Channels, Signal, read_log
 from haptid.log.by_content import Content
 from haptid.log.survey import survey
 from haptid.log.survey.names import quantity_of
@@ -179,3 +180,39 @@ def test_a_rate_that_no_log_has_is_not_drafted(tmp_path: Path) -> None:
     """A position that is wrapped, and its rate in another unit, told a hundredth of a hertz."""
     found = drafted(tmp_path / "log.csv", theta=Q[:, 0], theta_dot=1e-4 * QD[:, 0], current=TAU[:, 0])
     assert "rate_hz" not in found
+
+
+def test_a_matrix_as_a_laboratory_s_controller_writes_it(tmp_path: Path) -> None:
+    """Brackets and semicolons around the rows, names of two words: the effort was no channel, the first row lost."""
+    rows = np.column_stack([np.arange(T.size), T, np.rint(50 * Q[:, 0]), np.rint(4000 * Q[:, :2]), TAU[:, 0] / 9])
+    form = "%5d %8.3f %15d %15d %15d %15.4f"
+    lines = [form % tuple(row) for row in rows]
+    head = " Sample   Time     Commanded Pos   Encoder 1 Pos   Encoder 2 Pos   Control Effort\r\n\r\n"
+    (tmp_path / "log.txt").write_text(head + "[" + ";\r\n ".join(lines) + "];\r\n", newline="")
+    found = survey(tmp_path / "log.txt")
+    assert found.topics[0].count == T.size
+    channels = tomllib.loads(found.table)["channels"]
+    assert channels["time"] == "Time"
+    assert channels["position"]["channels"] == ["Encoder 1 Pos", "Encoder 2 Pos"]
+    assert channels["torque"]["channels"] == ["Control Effort"]
+    position = Signal("Encoder 1 Pos", "counts", gain=1e-3)
+    log = read_log(tmp_path / "log.txt", Channels(position, Signal("Control Effort", "N m"), "Time"))
+    np.testing.assert_allclose(log.torque[:, 0], np.round(rows[:, 5], 4), atol=1e-12)
+
+
+def test_what_stands_still_and_what_falls_is_no_joint_and_no_time() -> None:
+    """Servo registers of which two move: ten were drafted as positions, and one that rises evenly as the time."""
+    still = np.tile([40.0, 334, 2000, 1, 8801, 0, 18800], (T.size, 1))
+    moving, rates, rising = np.rint(2000 * Q[:, :2]), np.rint(2000 * QD[:, :2]), np.rint(-16899 + 900 * T)
+    table = np.column_stack([moving[:, 0], rates, still, moving[:, 1], rising])
+    found = Content.of({f"c{k}": column for k, column in enumerate(table.T)})
+    assert found.time == ""
+    assert found.positions == ("c0", "c10")
+
+
+def test_a_pair_apart_from_a_block_of_joints_is_none_more(tmp_path: Path) -> None:
+    """Errors of a controller whose sums look alike were drafted as joints; a joint more has its rate beside it."""
+    slow, rate = 0.4 * np.sin(0.8 * T + 1), 0.32 * np.cos(0.8 * T + 1)
+    for parts, joints in (([slow, TAU[:, ::-1], rate], [2, 3, 4]), ([slow, rate, TAU[:, ::-1]], [2, 3, 4, 11])):
+        table = np.column_stack([T, Q, QD, TAU, *parts])
+        assert tomllib.loads(survey(written(tmp_path, table)).table)["channels"]["position"]["joints"] == joints

@@ -92,7 +92,7 @@ class Content:
         moving = [k for k, row in enumerate(rows) if not steady[k] and np.ptp(row) > 0]
         if len(moving) < 2:
             return Content()
-        time = next((k for k in range(len(names)) if steady[k] and not _counts(rows[k])), None)
+        time = next((k for k in range(len(names)) if steady[k] and _from_zero(rows[k]) and not _counts(rows[k])), None)
         found = _chains(linked[np.ix_(moving, moving)])
         first = next(k for k in range(len(names)) if not steady[k])
         arrays = [name.partition("[")[0] for name in names]
@@ -165,6 +165,11 @@ def _steady(row: NDArray[np.float64]) -> bool:
     return middle > 0 and bool((steps >= 0).all()) and float(np.median(np.abs(steps - middle))) < _REGULAR * middle
 
 
+def _from_zero(row: NDArray[np.float64]) -> bool:
+    """Whether a column that grows begins where times may: not before zero by more than it grows."""
+    return bool(row[0] >= -(row[-1] - row[0]))
+
+
 def _of_one_run(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rows of the longest of several recordings, where a column of times starts again for each; else all rows."""
     for row in rows:
@@ -224,6 +229,8 @@ def _whole_block(at: dict[int, int], first: int, linked: NDArray[np.float64]) ->
         return at, range(0)
     rates = range(first + usual, first + 2 * usual)
     others = {i: j for i, j in at.items() if i not in block and j not in block and j not in rates}
+    # Beside a block, a pair by chance is of columns anywhere: a joint more has its rate beside it, or joints beside it.
+    others = {i: j for i, j in others.items() if j == i + 1 or j - i in (others.get(k, k) - k for k in (i - 1, i + 1))}
     return others | {k: k + usual for k in block}, block
 
 
@@ -291,7 +298,8 @@ def _filled(group: list[int], rows: NDArray[np.float64], used: set[int]) -> list
     if not group:
         return group
     inside = range(min(group), max(group) + 1)
-    return [k for k in inside if k in group or (np.ptp(rows[k]) == 0 and k not in used)]
+    still = [k for k in inside if k not in group and np.ptp(rows[k]) == 0 and k not in used]
+    return sorted([*group, *still]) if len(still) <= len(group) else group
 
 
 def _accelerations(

@@ -94,6 +94,8 @@ def _found(path: Path, _changed: int, _size: int) -> Dialect:
     )
     first = next(begins, 1)
     head = first - 1
+    if separator == " " and first and (spaced := headers.spaced_names(texts[filled[head]], width)):
+        rows[head] = spaced
     units: tuple[str, ...] = ()
     if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):
         units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
@@ -195,7 +197,13 @@ def _unit(cell: str) -> str:
 def cells_of(text: str, separator: str) -> list[str]:
     """Cells of a line; none where one of them is too long for a number or a name."""
     if separator == " ":
-        text = " ".join(text.split())
+        text = " ".join(_bare(text).split())
     with suppress(csv.Error):
         return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
     return []
+
+
+def _bare(text: str) -> str:
+    """A row of numbers without the brackets and the semicolon of a matrix as MATLAB writes it, `[ 0 1;`."""
+    inner = text.strip().lstrip("[").rstrip(";]")
+    return text if inner.strip("0123456789+-.eE \t") else inner

@@ -11,6 +11,8 @@ _LABVIEW = 100
 # The last name of a header, and the first number of the row that follows without an end of line.
 _GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
 
+_GAP = re.compile(r"\s{2,}|\t")
+
 # A name of times, which headers have and sentences seldom, with a unit or not.
 _TIMES = re.compile(r"(?:t|ts|time|time_?stamp|stamp|sec|seconds|tick|zeit)(?:[_\[(].*)?", re.IGNORECASE)
 
@@ -20,6 +22,13 @@ def blank_names(line: str, width: int) -> list[str] | None:
     names = line.split()
     header = len(names) == len(set(names)) == width > 1 and any(_TIMES.fullmatch(name) for name in names)
     return names if header else None
+
+
+def spaced_names(line: str, width: int) -> list[str] | None:
+    """Names of several words that two blanks or more separate, above rows of blanks; None where they do not fit."""
+    names = _GAP.split(line.strip())
+    fits = len(names) == width > 1 and not any(is_number(name, ".") for name in names)
+    return names if fits and len(line.split()) != width else None
 
 
 def fitting_header(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:

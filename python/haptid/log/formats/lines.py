@@ -11,6 +11,8 @@ from typing import IO, Any
 # Longer than any row.
 BLOCK_BYTES = 2**19
 _RUNS, _EDGES = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
+# Marks of a matrix that is written as MATLAB has it, `[ 0 1;`, around its rows.
+_MARKS = re.compile(rb"^ ?\[|[;\]]+(?= ?\r?$)", re.MULTILINE)
 
 
 class Part(io.RawIOBase):
@@ -54,11 +56,13 @@ class _Changed(io.RawIOBase):
 
 
 class Collapsed(_Changed):
-    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines."""
+    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines, nor brackets."""
 
     def change(self, block: bytes) -> bytes:
+        marks = any(mark in block for mark in (b"[", b"]", b";"))
         runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
-        return _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
+        single = _RUNS.sub(b" ", block) if runs or marks else block
+        return _EDGES.sub(b"", _MARKS.sub(b"", single) if marks else single)
 
 
 class Without(_Changed):

@@ -87,6 +87,8 @@ def channels_table(
         joints and (all(straight) or {joint[-1].lower() for joint in joints} == {*"xyz"})
     ):
         return ""
+    most = max((len(family.channels) for family in positions if family.rank[:2] == (True, True)), default=0)
+    positions = [family for family in positions if family.rank[1] or len(family.channels) > most]  # no plan of these
     rates = [family.of(joints) for family in channel_families(topics, "velocity", joints)]
     pairs = [(p, t if t.known else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))

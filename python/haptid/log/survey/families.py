@@ -24,7 +24,8 @@ from haptid.log.survey.names import (
 from haptid.log.units import known_unit
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
-WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
+WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "command", "commanded", "cmd", "goal",
+                     "action", "planned", "computed", "nominal", "simulated",
                      "actions", "setpoint", "control", "controls", "ctrl", "set", "soll", "external", "ext", "et",
                      "model", "predicted", "pred", "last", "prev", "residual", "disturbance", "gravity",
                      "friction", "passive", "constraint", "rigid", "feedforward", "coriolis"})  # fmt: skip
