@@ -155,6 +155,15 @@ def test_a_change_that_is_no_body_is_said(model):
         assert all("something else changed too" in note for note in found)
 
 
+def test_a_mass_below_zero_is_no_body_and_no_other_link_is_named_for_one(model):
+    """Logs with and without the load taken for each other."""
+    bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
+    for said in ("3", "2"):
+        (note,) = haptid.identify_payloads(model, loaded, [(unknown(link=said), bare)]).notes
+        assert ("would be -0.8" in note and "below zero" in note) or "something else changed too" in note
+        assert "better explained" not in note
+
+
 def test_a_right_link_is_seldom_doubted_under_friction_that_the_model_lacks(model):
     """Beside friction in proportion to the torque, and ripple, of which the rows of both logs have other parts."""
     doubted = 0

@@ -66,12 +66,14 @@ class LinkTest:
             more = bare.sum() - errors.sum() > _CLEARLY * max(effect, 0.0)
             return bool((more or own.sum() > _CLEARLY * errors.sum()) and _p(own - errors) < limit)
 
-        best = min(found, key=lambda link: float(found[link].sum()), default="")
+        masses = {link: self._mass(load, link) for link in (body.link, *found)}
+        bodies = [link for link in found if not (m := masses[link]) or m[2] > 0]
+        best = min(bodies, key=lambda link: float(found[link].sum()), default="")
         if best and clearly(found[best]):
-            alike = [link for link in found if link != best and _p(found[link] - found[best]) > _AS_WELL]
+            alike = [link for link in bodies if link != best and _p(found[link] - found[best]) > _AS_WELL]
             share = max(100 * effect / (bare.sum() - found[best].sum()), 0.0)
-            mass = self._mass(load, best)
-            weighs = f" (mass {mass[0]:.3g} kg there)" if mass else ""
+            mass = masses[best]
+            weighs = f" (mass {mass[0]:.3g} kg there)" if mass and mass[1] > 0 else ""
             also = f"; one on {listed(alike)} does as well as on {best}" if alike else ""
             return (
                 f"Payload {body.name} is better explained on link {best}{weighs} than on {body.link}: of what a body "
@@ -80,6 +82,12 @@ class LinkTest:
                 f"{also}. Check `link`."
             )
         free = self._errors(self._free(load, len(self.layout.embedding)), load, at_gains=True)
+        own_mass = masses[body.link]
+        if own_mass and own_mass[2] < 0:
+            return (
+                f"The mass of payload {body.name} on link {body.link} would be {own_mass[0]:.3g} kg, below zero beyond "
+                "its interval: something else changed than a body, or its logs are those without it. Check them."
+            )
         if free is not None and clearly(free):
             share = max(100 * effect / (bare.sum() - free.sum()), 0.0)
             return (
@@ -87,10 +95,13 @@ class LinkTest:
                 "from the bare ones, and one on no other link clearly more: something else changed too, such as "
                 "friction, the mounting, a drive, or a second body. The figures are no body's."
             )
-        mass, visible = self._mass(load, body.link), _p(bare - own) < limit
-        alike = [link for link, e in found.items() if visible and mass and _p(e - own) > _AS_WELL]
-        masses = {link: m for link in alike if (m := self._mass(load, link))}
-        unlike = [f"{link} with {m:.3g} kg" for link, (m, *_) in masses.items() if mass and not mass[1] <= m <= mass[2]]
+        visible = own_mass is not None and _p(bare - own) < limit
+        unlike = [
+            f"{link} with {m[0]:.3g} kg"
+            for link in bodies
+            if visible and own_mass and (m := masses[link]) and _p(found[link] - own) > _AS_WELL
+            if not own_mass[1] <= m[0] <= own_mass[2]
+        ]
         if not unlike:
             return ""
         return (
