@@ -216,3 +216,10 @@ def test_a_pair_apart_from_a_block_of_joints_is_none_more(tmp_path: Path) -> Non
     for parts, joints in (([slow, TAU[:, ::-1], rate], [2, 3, 4]), ([slow, rate, TAU[:, ::-1]], [2, 3, 4, 11])):
         table = np.column_stack([T, Q, QD, TAU, *parts])
         assert tomllib.loads(survey(written(tmp_path, table)).table)["channels"]["position"]["joints"] == joints
+
+
+def test_a_position_of_many_turns_is_said_to_be_so_in_either_unit(tmp_path: Path) -> None:
+    """A motor of 600 turns was drafted in degrees, as ten, without a word."""
+    np.savez(tmp_path / "log.npz", t=T, theta=188.4 * T + Q[:, 0], current=TAU[:, 0])
+    (line,) = (line for line in survey(tmp_path / "log.npz").table.splitlines() if line.startswith("position"))
+    assert "4.18 turns where it is in degrees, 240 where in rad" in line

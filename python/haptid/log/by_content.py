@@ -24,6 +24,8 @@ _INTEGRAL, _COPY = 0.98, 0.98
 _NOISY_INTEGRAL, _SAME_PERIOD = 0.8, 0.2
 # Joints, and share of them, that tell one period of accelerations whatever it is.
 _SEVERAL, _OF_MOST = 3, 0.75
+# Least correlation of what a position grows by and what its rate adds up to, over some samples.
+_GROWS = 0.5
 # Samples over which a row and the sum of its rate are compared.
 _LAG = 20
 # Correlation by which two copies of a position differ as integrals of one rate.
@@ -94,6 +96,7 @@ class Content:
             return Content()
         time = next((k for k in range(len(names)) if steady[k] and _from_zero(rows[k]) and not _counts(rows[k])), None)
         found = _chains(linked[np.ix_(moving, moving)])
+        found = {i: j for i, j in found.items() if _grows(rows, moving[i], moving[j])}
         first = next(k for k in range(len(names)) if not steady[k])
         arrays = [name.partition("[")[0] for name in names]
         pairs = {moving[i]: moving[j] for i, j in found.items()}
@@ -213,6 +216,12 @@ def _chains(linked: NDArray[np.float64]) -> dict[int, int]:
         if r[j] > _INTEGRAL and r[j] > linked[:, j].max() - _EQUAL:
             made[i] = j
     return made
+
+
+def _grows(rows: NDArray[np.float64], i: int, j: int) -> bool:
+    """Whether row i grows by what row j adds up to over some samples: sums of any two slow drifts are alike."""
+    grown, sums = _gains(rows, i, j)
+    return bool(grown @ sums > _GROWS * np.linalg.norm(grown) * np.linalg.norm(sums))
 
 
 def _whole_block(at: dict[int, int], first: int, linked: NDArray[np.float64]) -> tuple[dict[int, int], range]:

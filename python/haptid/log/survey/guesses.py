@@ -36,6 +36,8 @@ from haptid.log.units import known_unit, readings
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
+# Degrees of a turn, beyond which few joints go.
+_ONE_TURN = 360.0
 _UNSTATED = "no unit is stated"
 # How reasons end of times that tell no rate: another clock is better.
 NO_RATE = (": their rate is not known", ": no one rate")
@@ -196,6 +198,8 @@ def unit_of(
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
             )
             few = f"; {MAY_TURN}" if largest < _FEW_TURNS and not more else ""
+            if largest > _ONE_TURN:  # of a wheel, or a motor before its gear
+                few = f"; {largest / _ONE_TURN:.3g} turns where it is in degrees, {largest / math.tau:.3g} where in rad"
             whole = "; whole numbers: degrees, or counts" if channel.whole else ""
             return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{whole or few}"
         more = "as ROS prescribes" if source == "rosjoint" else _UNSTATED

@@ -41,8 +41,8 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip", "ee",
                       "eef", "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
                       "temp", "temperature", "temperatures", "power", "mode", "modes", "status", "window", "scaling",
-                      "fraction", "ratio", "diff", "deviation", "lag", "droop", "direct",
-                      "acc", "accel", "acceleration", "accelerations", "beschleunigung",
+                      "fraction", "ratio", "covariance", "cov", "variance", "diff", "deviation", "lag", "droop",
+                      "direct", "acc", "accel", "acceleration", "accelerations", "beschleunigung",
                       "ddq", "qdd", "ddqs", "qdds"})  # fmt: skip
 # Groups of settings, of which nothing is recorded.
 _SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
