@@ -223,3 +223,14 @@ def test_a_position_of_many_turns_is_said_to_be_so_in_either_unit(tmp_path: Path
     np.savez(tmp_path / "log.npz", t=T, theta=188.4 * T + Q[:, 0], current=TAU[:, 0])
     (line,) = (line for line in survey(tmp_path / "log.npz").table.splitlines() if line.startswith("position"))
     assert "4.18 turns where it is in degrees, 240 where in rad" in line
+
+
+def test_one_pair_by_chance_among_many_columns_is_no_joint(tmp_path: Path) -> None:
+    """Thirty columns of an arm that is pushed: a current was a position, and a position its rate."""
+    rng = np.random.default_rng(8)
+    slow = np.cumsum(np.cumsum(rng.standard_normal((T.size, 12)), axis=0), axis=0)
+    slow = slow / slow.std(axis=0) + 0.05 * rng.standard_normal(slow.shape)
+    slow[:, 3], slow[:, 10] = QD[:, 0], Q[:, 0]
+    assert not survey(written(tmp_path, np.column_stack([T, slow]))).table
+    few = np.column_stack([T, Q[:, 0], TAU[:, 0], QD[:, 0]])
+    assert tomllib.loads(survey(written(tmp_path, few)).table)["channels"]["position"]["channels"] == ["column[2]"]

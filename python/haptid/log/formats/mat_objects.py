@@ -28,6 +28,10 @@ _MOST_CELLS = 200
 _HELD = ("Data", "Values", "Storage_", "Elements", "Elements_", "any")
 
 
+# Part of the names of what is in a function.
+_FUNCTION = ".function_handle."
+
+
 def objects(path: Path) -> dict[str, RawChannel]:
     """Channels of tables, timetables and other objects, each (n,).
 
@@ -55,7 +59,8 @@ def objects(path: Path) -> dict[str, RawChannel]:
             if type(value) is np.ndarray and value.dtype.kind != "M" and value.dtype != object:
                 continue  # read as a plain array
             for leaf, array in leaves(str(name), value, 0):
-                if numeric(array.dtype):
+                # A function is saved with all variables that it saw: copies of what is in the file.
+                if numeric(array.dtype) and _FUNCTION not in leaf:
                     found |= {channel: array[at] for channel, at in addresses(leaf, array.shape).items()}
     return found
 

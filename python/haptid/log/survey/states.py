@@ -46,7 +46,8 @@ def with_states(
     torques = {len(own) for quantity, own in arrays.items() if quantity[0] == "torque"}
     for (quantity, _), own in arrays.items():
         alike = quantity == "position" and len({channel.rows for channel in own}) == 1
-        if alike and 1 < len(own) <= _MOST and len(own) not in torques:
+        apart = len({channel.name for channel in own}) == len(own)
+        if alike and apart and 1 < len(own) <= _MOST and len(own) not in torques:
             changed |= _told(own, columns, rate)
     return [changed.get(channel.name, channel) for channel in channels]
 
