@@ -227,10 +227,17 @@ def test_a_position_of_many_turns_is_said_to_be_so_in_either_unit(tmp_path: Path
 
 def test_one_pair_by_chance_among_many_columns_is_no_joint(tmp_path: Path) -> None:
     """Thirty columns of an arm that is pushed: a current was a position, and a position its rate."""
-    rng = np.random.default_rng(8)
-    slow = np.cumsum(np.cumsum(rng.standard_normal((T.size, 12)), axis=0), axis=0)
-    slow = slow / slow.std(axis=0) + 0.05 * rng.standard_normal(slow.shape)
-    slow[:, 3], slow[:, 10] = QD[:, 0], Q[:, 0]
-    assert not survey(written(tmp_path, np.column_stack([T, slow]))).table
+    others = np.sin((1 + 0.37 * np.arange(12)) * T[:, None] + np.arange(12) ** 2)
+    pushed = others.copy()
+    pushed[:, 3], pushed[:, 10] = QD[:, 0], Q[:, 0]
+    assert not survey(written(tmp_path, np.column_stack([T, pushed]))).table
     few = np.column_stack([T, Q[:, 0], TAU[:, 0], QD[:, 0]])
     assert tomllib.loads(survey(written(tmp_path, few)).table)["channels"]["position"]["channels"] == ["column[2]"]
+
+
+def test_one_joint_of_an_arm_that_moves_is_in_its_block(tmp_path: Path) -> None:
+    rest = 1e-4 * np.random.default_rng(8).standard_normal((3, T.size, 3))
+    for moves in range(3):
+        blocks = [part + own * (np.arange(3) == moves) for part, own in zip(rest, (Q, QD, TAU), strict=True)]
+        found = tomllib.loads(survey(written(tmp_path, np.column_stack([T, *blocks]))).table)["channels"]
+        assert (found["position"]["joints"], found["torque"]["joints"]) == ([2, 3, 4], [8, 9, 10])

@@ -26,8 +26,8 @@ _NOISY_INTEGRAL, _SAME_PERIOD = 0.8, 0.2
 _SEVERAL, _OF_MOST = 3, 0.75
 # Least correlation of what a position grows by and what its rate adds up to, over some samples.
 _GROWS = 0.5
-# Columns among which a pair is by chance, unless its rate comes at most so many columns behind the position, or others
-# are as far from each other.
+# Columns among which a pair is by chance, unless its rate comes at most so many columns behind the position, others are
+# as far from each other, or the position is in a block of them from the first column on.
 _MANY, _NEAR = 8, 3
 # Samples over which a row and the sum of its rate are compared.
 _LAG = 20
@@ -103,9 +103,9 @@ class Content:
         first = next(k for k in range(len(names)) if not steady[k])
         arrays = [name.partition("[")[0] for name in names]
         pairs = {moving[i]: moving[j] for i, j in found.items()}
-        apart = Counter(j - i for i, j in pairs.items())
         if len(moving) > _MANY:
-            pairs = {i: j for i, j in pairs.items() if 0 < j - i <= _NEAR or apart[j - i] > 1}
+            apart = Counter(j - i for i, j in pairs.items())
+            pairs = {i: j for i, j in pairs.items() if i - first < j - i or 0 < j - i <= _NEAR or apart[j - i] > 1}
         own = Counter(arrays[i] for i, j in pairs.items() if arrays[i] == arrays[j] != names[i])
         if own:  # positions and rates are one array
             first = next(k for k, array in enumerate(arrays) if array == own.most_common(1)[0][0] and not steady[k])
