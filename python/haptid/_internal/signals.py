@@ -173,17 +173,17 @@ def welch(x: Array, dt: float, window: Array, line: bool = False) -> tuple[Array
         window: weights of a segment's samples.
         line: whether each segment's straight line is removed, and not only its mean.
     """
-    spectra = _segment_spectra(x, window, line)
+    spectra = segment_spectra(x, window, line)
     return _density(np.mean(np.abs(spectra) ** 2, axis=0), dt, window)
 
 
 def cross_spectrum(x: Array, y: Array, dt: float, window: Array) -> tuple[Array, np.ndarray]:
     """Frequencies, Hz, and one-sided cross power density of two signals, complex, as `welch` gives that of one."""
-    first, second = (_segment_spectra(signal, window, line=False) for signal in (x, y))
+    first, second = (segment_spectra(signal, window, line=False) for signal in (x, y))
     return _density(np.mean(first * second.conj(), axis=0), dt, window)
 
 
-def _segment_spectra(x: Array, window: Array, line: bool) -> np.ndarray:
+def segment_spectra(x: Array, window: Array, line: bool = False) -> np.ndarray:
     """Transforms of the windowed segments of a signal, (segments, bins)."""
     length = len(window)
     segments = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]

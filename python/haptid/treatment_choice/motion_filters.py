@@ -22,6 +22,7 @@ from haptid.motion.noise_torques import rows_of_noise
 from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Plan, rest_samples
 from haptid.treatment_choice.corners import corners_cut
+from haptid.treatment_choice.feedback import feeds_back
 
 # Usual cut-off of the parallel filter over the motion's bandwidth.
 USUAL = 3.0
@@ -117,25 +118,25 @@ class MotionFilters:
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
         made = MotionFilters(model, logs, found, channels, bandwidth, dt, top, lowest, (), held=held)
-        rest, sticks = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
+        rest, misled = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
         if any(rest):
             often = made._shares(made.at(USUAL, {}), np.array(rest)) >= KEPT
             made = replace(made, reversal_speed=tuple(np.where(often, rest, 0.0).tolist()), rest_speed=rest)
-        return made._clear_of_reversals(given, sticks)
+        return made._clear_of_reversals(given, misled)
 
     @cached_property
     def _of_noise(self) -> np.ndarray:
         """Whether a row has none of its motor in any log, as its torque shows noise alone, (rows of torque,)."""
         return np.asarray(np.all([rows_of_noise(self.model.device, log) for log in self.logs], axis=0))
 
-    def _clear_of_reversals(self, given: Given, sticks: bool) -> MotionFilters:
-        """Without windows that contain a reversal where joints stick there, if enough rows are left; else with them."""
+    def _clear_of_reversals(self, given: Given, misled: bool) -> MotionFilters:
+        """Without windows that contain a reversal where rows mislead there, if enough are left; else with them."""
         if not any(self.reversal_speed):
             return self
         clear, speeds = replace(self, near=False).at(USUAL, given), np.array(self.reversal_speed)
         judged = np.array(self.model.device.measured) & ~self._of_noise
         enough = bool(min(self._shares(clear, speeds)[judged]) >= _CLEAR)
-        return replace(self, near=not (enough and sticks), may_clear=enough and not sticks)
+        return replace(self, near=not (enough and misled), may_clear=enough and not misled)
 
     def faster_than(self, speeds: Array, given: Given) -> MotionFilters:
         """Without windows slower than these anywhere, (rows of torque,), SI, where enough are left; itself for none."""
@@ -203,10 +204,10 @@ class MotionFilters:
         return tuple(float(f"{cutoff:.3g}") for cutoff in np.minimum(found, ceiling))
 
     def _slow(self, treatment: Treatment) -> tuple[tuple[float, ...], bool]:
-        """The speed of each row below which the sign of its dry friction is uncertain, and whether joints stick.
+        """The speed of each row below which the sign of its dry friction is uncertain, and whether it is wrong there.
 
-        The first is of all logs, as a treatment is. A slow log sticks no more than a fast one: the second is judged by
-        each log's own speed.
+        The first is of all logs, as a treatment is. The second is where joints stick, judged by each log's own speed as
+        a slow log sticks no more than a fast one, and where disturbances move the device in a control loop.
         """
         rows = len(self.model.device.row_names)
         if not any(self.model.coulomb_terms(row) for row in range(rows)):
@@ -215,10 +216,12 @@ class MotionFilters:
         # Of each velocity: its squares' sum and samples; samples that are slow in their own log, and that are moving.
         squares: dict[tuple[int, int], Array] = {}
         slow: dict[tuple[int, int], Array] = {}
+        feeds = False
         for log, found in zip(self.logs, self.spectra, strict=True):
             motion = treat(log, treatment)
             c, cd = state(self.model.device, motion, *motion.usable)
             own = max(spectrum.bandwidth for k, spectrum in enumerate(found) if k not in self.held)
+            feeds = feeds or feeds_back(c, motion.tau[slice(*motion.usable)].T, motion.dt, own or self.bandwidth)
             window = max(1, round(max(_REST, _RESTS / (own or self.bandwidth)) / motion.dt))
             for row in range(rows):
                 for k, term in enumerate(self.model.coulomb_terms(row)):
@@ -230,7 +233,7 @@ class MotionFilters:
         for (row, _), (total, many) in squares.items():
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / many)))
         sticks = any(bool(few > _STICKS * moving) for few, moving in slow.values())
-        return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds), sticks
+        return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds), sticks or feeds
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
         """Share of rows that are kept, of each row of torque."""
