@@ -235,12 +235,15 @@ def test_what_no_change_confirms_is_what_residuals_look_like():
     )
     action = Action("ripple", ("motor 1",), "add a ripple", "unseen error", 6.0, 5.0, 0.1, 0.3, True, (), 24)
     assert f"because {MEANING['time delay']}" in diagnosis.verdict.sentences[0]
-    made = verdict_with(diagnosis, Advice((action,), 6.0, 5.0, (), 40))
+    kinds = frozenset(("ripple", "time shift"))
+    made = verdict_with(diagnosis, Advice((action,), 6.0, 5.0, (), 40, kinds=kinds))
     assert f"look as where {MEANING['time delay']}, which no change that was tried confirms" in made.sentences[0]
     assert made.parameters == "bad"  # by the ripple, which is proven
     assert MEANING["ripple"] in made.sentences[2]
     assert MEANING["time delay"] not in made.sentences[2]
     untried = verdict_with(diagnosis, Advice((), 6.0, 6.0, ("No action is tried.",), 0))
     assert untried.sentences == diagnosis.verdict.sentences
-    nothing = verdict_with(diagnosis, Advice((), 6.0, 6.0, (), 40))
+    unjudged = verdict_with(diagnosis, Advice((replace(action, kind="torque sign"),), 6.0, 5.0, (), 40))
+    assert unjudged.sentences == diagnosis.verdict.sentences
+    nothing = verdict_with(diagnosis, Advice((), 6.0, 6.0, (), 40, kinds=kinds))
     assert nothing.compensation == nothing.parameters == "doubt"

@@ -217,6 +217,7 @@ class Advice:
         undetermined: sentences on what cannot be determined from this log.
         tried: number of candidates.
         motion: further motion that would make wide intervals narrow; None where none would, or none is wide.
+        kinds: of the candidates; none where what is proven keeps the others from being judged.
     """
 
     actions: tuple[Action, ...]
@@ -225,6 +226,7 @@ class Advice:
     undetermined: tuple[str, ...]
     tried: int
     motion: MoreMotion | None = None
+    kinds: frozenset[str] = frozenset()
 
     @property
     def combination(self) -> tuple[Action, ...]:

@@ -82,8 +82,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     search, base, made, masks, before = now.search, now.base, now.made, now.masks, first.before
     chosen, best = _combined(search, base, made)
     after = now.error(best)
-    kinds = {(one.candidate.kind, place) for one in made for place in one.candidate.places}
-    reversals = list(sign_actions(search, base, now.signs, kinds))
+    places = {(one.candidate.kind, place) for one in made for place in one.candidate.places}
+    reversals = list(sign_actions(search, base, now.signs, places))
     telling = [action for action in reversals if action.proof == "unseen error"]
     left = min([after, *(action.after for action in telling)]) / max(before, 1e-300)
     whole_changes = [one for one in (_mounting(found, part, left), _order(found, part, left)) if one is not None]
@@ -136,7 +136,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     ]
     # Columns and noise of a model that is known to be wrong predict nothing.
     more = None if every else more_motion(part)
-    return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
+    kinds = frozenset(one.kind for one in search.candidates)
+    return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more, kinds)
 
 
 def _other_robot(after: float, errors: tuple[float, float]) -> Iterator[str]:

@@ -20,6 +20,8 @@ _CONTACT, _CONTACT_S, _MOST_MASKED, _MOST_CONTACTS, _NEAR, _APART_S, _SPACING_S 
 _SOME = 500
 # Share of the usual speed below which a coordinate rests, and below which it stands, for so long, s.
 _REST, _STANDS, _STANDS_S = 0.1, 0.02, 0.1
+# Usual speed over the fastest coordinate's up to which one is held.
+_HELD = 0.01
 # Share of the flagged rows from which on they are at rest, or after it.
 _MOSTLY = 0.5
 
@@ -81,9 +83,10 @@ def kind_of(rows: TrialRows, flagged: np.ndarray) -> str:
 
 
 def at_rest(rows: TrialRows, share: float = _REST) -> np.ndarray:
-    """Rows in which no coordinate moves at more than a share of its usual speed, (rows,)."""
+    """Rows in which no coordinate moves at more than a share of its usual speed, (rows,); held ones have none."""
     usual = np.sqrt(np.mean(rows.velocity**2, axis=1, keepdims=True))
-    return np.asarray((np.abs(rows.velocity) < share * usual).all(axis=0))
+    moving = usual[:, 0] > _HELD * usual.max()
+    return np.asarray((np.abs(rows.velocity[moving]) <= share * usual[moving]).all(axis=0))
 
 
 def _leaves_rest(rows: TrialRows, flagged: np.ndarray) -> bool:
@@ -95,12 +98,12 @@ def _leaves_rest(rows: TrialRows, flagged: np.ndarray) -> bool:
     # Of rows that end such a stretch, so that no reversal is one.
     moves = np.cumsum(np.concatenate([np.ones(width, dtype=bool), ~at_rest(rows, _STANDS)]))
     stood = moves[width:] == moves[:-width]
-    near, early, before = 0, False, -np.inf
+    near, early, before = 0, False, -1
     for k in np.flatnonzero(flagged):
-        if rows.t[k] - before > _CONTACT_S:  # a part begins
+        if before < 0 or rows.log[k] != rows.log[before] or rows.t[k] - rows.t[before] > _CONTACT_S:  # a part begins
             just = (rows.log == rows.log[k]) & (np.abs(rows.t[k] - _CONTACT_S - rows.t) <= _CONTACT_S)
             early = bool(stood[just].any())
-        near, before = near + early, rows.t[k]
+        near, before = near + early, k
     return near > _MOSTLY * int(flagged.sum())
 
 

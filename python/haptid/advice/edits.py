@@ -200,10 +200,16 @@ def _terms(device: Device, kind: str, place: str, settings: Mapping[str, Any]) -
         yield {
             "kind": "custom",
             **on,
-            "name": f"{stem}_{name}",
+            "name": _free_name(device, stem, name),
             "unit": made,
             "expression": expression.format(x=x, v=v, w=w, s=s),
         }
+
+
+def _free_name(device: Device, stem: str, name: str) -> str:
+    """Name of a custom column that no parameter has: FD_1, or FD2_1 beside that."""
+    names = [f"{stem}_{name}", *(f"{stem}{k}_{name}" for k in range(2, len(device.parameters.names) + 3))]
+    return next(one for one in names if one not in device.parameters.names)
 
 
 def _coordinate(device: Device, what: str, name: str) -> tuple[str, str, str, str]:

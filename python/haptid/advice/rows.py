@@ -51,7 +51,7 @@ class TrialRows:
         y: torque of every motor's channel at every motor's rows, (motors, rows), N m or N.
         used: whether a row is used, (motors, rows).
         block: time block of each row, (rows,), from 0.
-        t: s; runs on from log to log, (rows,).
+        t: s; begins anew in each log, (rows,).
         groups: columns of each candidate, in order.
         position, velocity: of the torque rows' coordinates, (coordinates, rows), SI.
         sample: index of the middle sample in its log, (rows,), and `log`, of which motion.

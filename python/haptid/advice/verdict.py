@@ -30,7 +30,7 @@ def verdict_with(diagnosis: Diagnosis, advice: Advice) -> Verdict:
 
     A reversed or exchanged channel leaves residuals that look late, bent or periodic. Where the first change removes
     half of the squared unseen error, or bodies prove it, findings on residuals are reasons only where they say the
-    same as a change of the best combination. Elsewhere findings whose changes were all tried without a proof are what
+    same as a change of the best combination. Elsewhere findings whose changes were tried without a proof are what
     residuals look like, and no more than a doubt.
 
     Args:
@@ -40,9 +40,9 @@ def verdict_with(diagnosis: Diagnosis, advice: Advice) -> Verdict:
     first = advice.actions[0] if advice.actions else None
     parts = diagnosis.estimate, diagnosis.validation, diagnosis.findings
     if first is None or first.kind == USE or (first.proof == "unseen error" and first.after > _LEFT * first.before):
-        kinds = {action.kind for action in advice.actions}
-        unproven = {name for name, same in _SAME.items() if advice.tried and not kinds & set(same)}
-        return verdict(*parts, unproven=unproven - {"influence"})
+        proven = {action.kind for action in advice.actions}
+        unproven = [name for name, same in _SAME.items() if advice.kinds & set(same) and not proven & set(same)]
+        return verdict(*parts, unproven=unproven)
     kinds = {action.kind for action in advice.combination}
     agreeing = frozenset(name for name, same in _SAME.items() if kinds & set(same))
     return verdict(*parts, ProvenChange(first.change, agreeing))
