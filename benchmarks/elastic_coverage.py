@@ -35,7 +35,8 @@ from haptid.estimation.methods.motor_noise import with_noise_uncertainty
 from haptid.experiment import bench
 from haptid.motion.channels import position_channels
 from haptid.treatment_choice.elasticity import expect_elasticity
-from haptid.treatment_choice.hidden_joints import command_delay, complete_logs
+from haptid.treatment_choice.hidden_joints import complete_logs
+from haptid.treatment_choice.motor_delays import with_motor_delays
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from true_parameters import true_parameters
 
@@ -239,9 +240,9 @@ def of_motors(model: haptid.DynamicModel, log: haptid.Log) -> haptid.Log:
     return replace(log, position=seen, channels=replace(log.channels, position=position))
 
 
-def identified_from_motors(model: haptid.DynamicModel, log: haptid.Log, delay: float) -> haptid.Estimate:
+def identified_from_motors(model: haptid.DynamicModel, log: haptid.Log) -> haptid.Estimate:
     """As `haptid identify` does it without the links."""
-    return with_noise_uncertainty(complete_logs(model, [of_motors(model, log)], [True], torque_delay_s=delay)[1])
+    return with_noise_uncertainty(with_motor_delays(complete_logs(model, [of_motors(model, log)], [True])[1]))
 
 
 def reading(run: tuple[str, str, int]) -> dict[str, list[float]] | str:
@@ -251,10 +252,7 @@ def reading(run: tuple[str, str, int]) -> dict[str, list[float]] | str:
     truth = model.base.of(parameters(name))
     try:
         log = recorded(name, encoders.removesuffix(ALONE), seed)
-        if encoders.endswith(ALONE):  # the closed form has no hold
-            found = identified_from_motors(model, log, 0.0 if name == "axis" else command_delay(log))
-        else:
-            found = identified(model, log)
+        found = identified_from_motors(model, log) if encoders.endswith(ALONE) else identified(model, log)
     except HaptidError as error:
         return f"{type(error).__name__}: {error}"[:200]
     half = stats.t.ppf(0.975, found.dof) * found.se

@@ -9,20 +9,24 @@ import numpy as np
 import pytest
 
 import haptid
-from elastic_motors import DT, STEP, TRUTH, K, arm, assert_within, axis, recorded, treated
+from elastic_motors import DT, FVM, STEP, TERMS, TRUTH, K, arm, assert_within, axis, recorded, treated
 from haptid.errors import IdentifiabilityError
 from haptid.estimation import MotorSide
-from haptid.estimation.methods.motor_noise import with_noise_uncertainty
+from haptid.estimation.methods.motor_noise import _rounded, with_noise_uncertainty
+from haptid.estimation.methods.motor_side import noise_of_rows
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.estimation.torque_uncertainty import other_motion
 from haptid.experiment import bench
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
 from haptid.treatment_choice.elasticity import noise_of_stiffness
-from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
+from haptid.treatment_choice.hidden_joints import _followed, _proposed, _shared, complete_logs, lacks_links
+from haptid.treatment_choice.motor_delays import motor_delays, with_motor_delays
 from motions import motion
 
-MOTOR_B = {"name": "b", "drives": {"2": 1.0}}
+# Two links in a vertical plane, each with a motor of its own.
+GRAVITY, JOINTS = [0.0, -9.81, 0.0], [{"name": "1"}, {"name": "2", "d": 0.3}]
+MOTORS = [{"name": "a", "drives": {"1": 1.0}}, {"name": "b", "drives": {"2": 1.0}}]
 # Of a motion that begins at rest, Hz.
 TONES = (0.9, 2.3, 4.1, 6.7)
 
@@ -187,37 +191,105 @@ def test_a_position_filter_near_the_motion_leaves_no_bias():
     assert abs(found["KE1"].value / K - 1) < 0.02
 
 
-def test_links_that_inertia_couples_are_found_from_their_motors_alone():
-    """Two joints on the bench: nothing but the motors' positions and commands is given."""
-    pytest.importorskip("mujoco")
-    joints = [{"name": "1"}, {"name": "2", "d": 0.3}]
-    model = axis(gravity=[0.0, -9.81, 0.0], joints=joints, motors=[{"name": "a", "drives": {"1": 1.0}}, MOTOR_B])
+def two_joints(
+    terms: list[dict[str, str]] = TERMS, friction: float = 0.0, noise: float = 0.02, seed: int = 0, highest: float = 7.0
+) -> tuple[haptid.DynamicModel, haptid.Log, dict[str, float]]:
+    """Two coupled links on the bench, 8 s: the model, motors' positions and commands, and the true parameters."""
+    model = axis(gravity=GRAVITY, joints=JOINTS, motors=MOTORS, terms=terms)
     values = dict.fromkeys(("XX1", "XX2"), 0.03) | dict.fromkeys(("YY1", "YY2", "ZZ1", "ZZ2"), 0.06)
     values |= {"MX1": 0.15, "MX2": 0.15, "M1": 1.0, "M2": 1.0}
     for motor, stiffness in (("a", 400.0), ("b", 150.0)):
         values |= {f"KE{motor}": stiffness, f"DE{motor}": 0.3, f"IAM{motor}": 0.02, f"FVM{motor}": 0.05}
+        values |= {f"FCM{motor}": friction}
     chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
     setup = bench.Setup(
         model,
         chi,
         bench.Controller((40.0,), (1.5,), gravity=True),
         bench.Encoders((80_000.0,)),
-        bench.Amplifiers(noise=(0.02,)),
+        bench.Amplifiers(noise=(noise,)),
     )
-    kind = bench.Multisine(8.0, (0.0,), (0.5,), frequencies_hz=(0.3, 7.0), count=8)
-    made = bench.simulate(setup, bench.plan(kind, model, setup.dt, np.random.default_rng(0)), np.random.default_rng(1))
+    kind, planned = bench.Multisine(8.0, (0.0,), (0.5,), frequencies_hz=(0.3, highest), count=8), bench.plan
+    motion = planned(kind, model, setup.dt, np.random.default_rng(seed))
+    made = bench.simulate(setup, motion, np.random.default_rng(1))
     signals = haptid.Signal(("a", "b"), "rad"), haptid.Signal(("u", "w"), "N m", side="motor")
     seen, command = np.ascontiguousarray(made.position[:, 2:]), np.ascontiguousarray(made.command)
-    log = haptid.Log(Path("made"), "", made.t, seen, command, haptid.Channels(*signals, "t"))
+    return model, haptid.Log(Path("made"), "", made.t, seen, command, haptid.Channels(*signals, "t")), values
+
+
+def test_links_that_inertia_couples_are_found_from_their_motors_alone():
+    """Two joints on the bench: nothing but the motors' positions and commands is given."""
+    pytest.importorskip("mujoco")
+    model, log, values = two_joints()
     assert lacks_links(model, log)
     _, found = complete_logs(model, [log], [True])
-    found = with_noise_uncertainty(found)
+    found = with_noise_uncertainty(with_motor_delays(found))
     for name, value, se in zip(found.names, found.beta, found.se, strict=True):
         if name in values:  # the others have regroupings
             assert abs(value - values[name]) < 4.5 * se, (name, value, se)
     for motor, stiffness in (("a", 400.0), ("b", 150.0)):
         assert abs(found[f"KE{motor}"].value / stiffness - 1) < 0.02
         assert abs(found[f"DE{motor}"].value / 0.3 - 1) < 0.1
+
+
+def test_the_delay_of_the_torque_is_found_beside_the_spring():
+    """A torque that is read late, by samples and a part of one: nothing but motors' positions and commands is given."""
+    both, late = recorded(seconds=6.0), 2.3 * DT
+    torque = np.interp(both.t + late, both.t, both.torque[:, 0])[:-4, None]  # its noise is as white as between samples
+    channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
+    log = haptid.Log(Path("made"), "", both.t[:-4], both.position[:-4, 1:], np.ascontiguousarray(torque), channels)
+    _, conditional = complete_logs(axis(), [log], [True])
+    found = with_noise_uncertainty(with_motor_delays(conditional))
+    delays = motor_delays(conditional)
+    (se,) = np.sqrt(np.diag(delays.covariance))
+    assert delays.still
+    assert abs(delays.seconds[0] - late) < 3.5 * se
+    assert se < 0.5 * DT  # less than what a hold leaves open
+    assert_within(found)
+    known = complete_logs(axis(), [log], [True], torque_delay_s=late)[1]
+    assert found["FVM1"].se > 1.02 * known["FVM1"].se
+    wrong = complete_logs(axis(), [log], [True], torque_delay_s=0.5 * DT)[1]
+    assert abs(wrong["FVM1"].value - FVM) > 10 * wrong["FVM1"].se
+
+
+def test_the_rounding_of_positions_is_not_that_of_a_later_motion():
+    """Positions are evaluated later by the delay once: 3 ms of this motion are some hundred steps."""
+    late = haptid.Treatment(cutoff_hz=80.0, decimation=10, parallel_cutoff_hz=25.0, torque_delay_s=3 * DT)
+    made = haptid.treat(recorded(seconds=2.0), late)
+    low, high = made.usable
+    for moved in _rounded(made):
+        assert np.abs(moved.q[low:high] - made.q[low:high]).max() < 2 * STEP
+
+
+def test_noise_at_reversals_counts_as_elsewhere():
+    """The motion rests at every pose that the noise is taken at; smoothed dry friction has a slope there."""
+    terms = [*TERMS, {"kind": "coulomb", "motors": "all", "prefix": "FCM"}]
+    model, log = axis(terms=terms), recorded(seconds=4.0)
+    still = replace(log, position=np.ascontiguousarray(np.repeat(log.position[2000:2001], len(log.t), axis=0)))
+    rows = haptid.observe(model, treated(still))
+    beta = np.array([{**TRUTH, "FCM1": 0.3}[name] for name in model.base.names])
+    density = np.array([1.0, 400.0]), np.full((2, 2), STEP**2 * DT)
+    (_, noise) = noise_of_rows(rows, beta, np.ones(2), [density])
+    k, own = model.base.names.index("FCM1"), noise.sum(axis=0)
+    assert own[model.base.names.index("FVM1"), model.base.names.index("FVM1")] > 0
+    assert not own[k].any()
+
+
+def test_windows_with_a_reversal_make_rotors_too_heavy():
+    """Two joints on the bench, dry friction of the motors alone, no noise of the torque."""
+    pytest.importorskip("mujoco")
+    terms = [*TERMS[:2], TERMS[3], {"kind": "coulomb", "motors": "all", "prefix": "FCM"}]
+    model, log, values = two_joints(terms=terms, friction=0.2, noise=0.0, seed=1, highest=8.0)
+    rigid = axis(gravity=GRAVITY, joints=JOINTS, motors=MOTORS, terms=terms[1:])
+    treatment = _shared(_proposed(rigid, [log], {}).treatment)
+    assert treatment.reversal_guard_s is None
+    start = model.base.of(np.array([values.get(name, 0.0) for name in model.device.parameters.names]))
+    method = MotorSide(initial=dict(zip(model.base.names, start.tolist(), strict=True)))
+    off = []
+    for guard in (None, 0.0107):
+        motion = haptid.treat(_followed(model, log), replace(treatment, reversal_guard_s=guard))
+        off.append(haptid.estimate(haptid.observe(model, motion), method)["IAMb"].value / values["IAMb"] - 1)
+    assert abs(off[0]) < 0.5 * off[1]
 
 
 def test_the_torque_of_other_motion_is_that_of_the_rows_of_the_fit():

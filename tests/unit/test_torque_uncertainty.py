@@ -12,7 +12,7 @@ from test_proposal import recorded
 import haptid
 from haptid.estimation.estimate import Estimate, judged
 from haptid.estimation.torque_uncertainty import other_motion, torque_uncertainty
-from haptid.treatment_choice.delay_estimate import COMMON, HOLD, OWN, _likely
+from haptid.treatment_choice.delay_estimate import COMMON, HOLD, OWN, likely_delays
 
 TREATMENT = haptid.Treatment(
     cutoff_hz=20.0, parallel_cutoff_hz=8.0, decimation=15, reversal_speed=0.05, reversal_guard_s=0.01
@@ -79,14 +79,14 @@ def test_delays_are_those_of_the_mixture_of_priors(off, se):
         integrate.quad(lambda x, k=k: x**k * posterior(x), -20, 20, points=[0, likelihood.mean()], limit=200)[0]
         for k in range(3)
     )
-    mean, covariance = _likely(dt * np.array([off]), (dt * se) ** 2 * np.eye(1), dt)
+    mean, covariance = likely_delays(dt * np.array([off]), (dt * se) ** 2 * np.eye(1), dt)
     assert mean[0] / dt == pytest.approx(first / mass, abs=1e-6)
     assert covariance[0, 0] / dt**2 == pytest.approx(second / mass - (first / mass) ** 2, rel=1e-5)
 
 
 def test_a_delay_that_the_log_tells_is_hardly_moved():
     off = np.array([2.5, 2.6])
-    mean, covariance = _likely(1e-3 * off, 1e-6 * 0.02**2 * np.eye(2), 1e-3)
+    mean, covariance = likely_delays(1e-3 * off, 1e-6 * 0.02**2 * np.eye(2), 1e-3)
     assert np.abs(mean / 1e-3 - off).max() < 0.02 * 0.2
     assert HOLD == 0.5
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), 2e-5, rtol=0.02)

@@ -44,6 +44,7 @@ class DrivenCourse:
         c, cd, cdd: of the coordinates that torque rows belong to, each (n, samples), SI.
         torque: of the rows, (n, samples), N m or N.
         slope: derivatives of the torque by the base parameters, (n, p, samples).
+        start: derivatives by the state that the motion begins in, (n, 2u, samples).
     """
 
     c: Array
@@ -51,6 +52,7 @@ class DrivenCourse:
     cdd: Array
     torque: Array
     slope: Array
+    start: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +351,7 @@ class DrivenJoints:
         self._by_beta = by_beta + by_first @ first_by_beta
         self.meets = self._agree(made.torque, torque)
         c, cd, cdd = (np.ascontiguousarray(made.motion[:, i]) for i in range(3))
-        return DrivenCourse(c, cd, cdd, torque, slope)
+        return DrivenCourse(c, cd, cdd, torque, slope, start)
 
     def _agree(self, simulated: Array, met: Array) -> bool:
         """Whether the torque of the segments, (n, samples), is that which it will be where they meet."""
@@ -360,17 +362,20 @@ class DrivenJoints:
 
     def _first(self, torque: Array, slope: Array, start: Array) -> tuple[Array, Array]:
         """Change of the first beginning to the least error of the torque, (2u,), and its derivatives, (2u, p)."""
-        rows, measured = self.motors, self.measured[self.motors]
-        size = np.abs(measured).max(axis=1, keepdims=True)
-        size = np.where(size > 0, size, 1.0)
-
-        def stacked(x: Array) -> Array:
-            return np.asarray((x / size[:, None]).transpose(0, 2, 1).reshape(-1, x.shape[1]))
-
-        error = ((measured - torque[rows]) / size).reshape(-1, 1)
-        wanted = np.concatenate([error, -stacked(slope[rows])], axis=1)
-        found = np.linalg.lstsq(stacked(start[rows]), wanted, rcond=_DETERMINED)[0]
+        found = self._projected_on(start, np.concatenate([(self.measured - torque)[:, None], -slope], axis=1))
         return found[:, 0], found[:, 1:]
+
+    def beside_start(self, course: DrivenCourse, columns: Array) -> Array:
+        """Columns of the torque, (n, k, samples), less what another beginning would do as well, as slopes are."""
+        return np.asarray(columns - self._projected_on(course.start, columns).T @ course.start)
+
+    def _projected_on(self, start: Array, columns: Array) -> Array:
+        """Least squares of columns of the motors' torque, (n, k, samples), by the first beginning, (2u, k)."""
+        rows = self.motors
+        size = np.abs(self.measured[rows]).max(axis=1)
+        size = np.where(size > 0, size, 1.0)[:, None, None]
+        by_start, wanted = ((x[rows] / size).transpose(0, 2, 1).reshape(-1, x.shape[1]) for x in (start, columns))
+        return np.asarray(np.linalg.lstsq(by_start, wanted, rcond=_DETERMINED)[0])
 
     def _handovers(self) -> dict[int, list[tuple[int, int]]]:
         """By step: which segment has as its own sample the one that another segment begins at."""

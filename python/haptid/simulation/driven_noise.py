@@ -47,7 +47,9 @@ def noise_moments(
     """What noise adds to a row's information, (n, p, p), and to its score with opposite sign, (n, p), by row of torque.
 
     Args:
-        model: the dynamic model, its dry friction smoothed.
+        model: the dynamic model; dry friction that jumps has no slope, as in rows away from reversals. Smoothed, as it
+            is simulated, it would have one of thousands of times viscous friction at a pose that happens to be at a
+            reversal, and what that does to noise would count for all rows.
         base: maps base parameters to the core's columns, (r, p).
         beta: base parameters, (p,).
         motion: of all joints; its filters are those that the noise passes.

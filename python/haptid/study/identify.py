@@ -38,6 +38,7 @@ from haptid.study.study import silent
 from haptid.treatment_choice.calibration import Calibration, find_calibration
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, with_bounds
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
+from haptid.treatment_choice.motor_delays import with_motor_delays
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.model_for_use import ModelForUse, model_for_use
@@ -191,7 +192,7 @@ def identify(
 def with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration: Calibration | None) -> Estimate:
     """An estimate that takes the treatment as exact, with the uncertainty of what was found before it."""
     if isinstance(conditional.method, MotorSide):
-        final = with_noise_uncertainty(conditional)
+        final = with_noise_uncertainty(with_motor_delays(conditional))
     else:
         expect_elasticity(conditional, proposal.bandwidth_hz)
         final = with_treatment_uncertainty(conditional, proposal.delays, proposal.effects, proposal.rounding)
@@ -301,12 +302,15 @@ def _completed(
     response = response_of_motors(model, study.of_fit(logs), study.treatment.get("torque_delay_s"))
     measured = _link_frequencies(model, response)
     completed, stiffness_fit = complete_logs(model, logs, fitting, measured, **study.treatment)
-    # Simulated links hold no noise but the motors', and determine no delay but that they were simulated with.
+    # Simulated links hold no noise but the motors', and determine no delay but that they were simulated with. All rows
+    # are those of that fit.
     treatment_used = stiffness_fit.observation.motions[0].treatment
-    names = ("cutoff_hz", "parallel_cutoff_hz", "decimation", "torque_delay_s")
+    names = ("cutoff_hz", "parallel_cutoff_hz", "decimation", "torque_delay_s", "reversal_guard_s")
     treatment = {**{name: getattr(treatment_used, name) for name in names}, **study.treatment}
     method = MotorSide(
-        weighting=study.method, initial=dict(zip(stiffness_fit.names, stiffness_fit.beta.tolist(), strict=True))
+        weighting=study.method,
+        initial=dict(zip(stiffness_fit.names, stiffness_fit.beta.tolist(), strict=True)),
+        delays="torque_delay_s" not in study.treatment,
     )
     progress("finding stiffness", 1.0)
     return replace(study, method=method, use="free", treatment=treatment), completed, response

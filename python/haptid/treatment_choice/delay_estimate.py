@@ -200,11 +200,11 @@ def find_delays(
         doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
         covariance, known = doubt**2 * np.ones((channels, channels)), np.full(channels, np.inf)
         return Delays(mean, covariance, d, False, dt, samples, dof=known)
-    likely, covariance = _likely(d - mean, spread.covariance, dt)
+    likely, covariance = likely_delays(d - mean, spread.covariance, dt)
     return Delays(mean + likely, covariance, d, True, dt, samples, white is not None, rows.noise_hz, spread.dof)
 
 
-def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
+def likely_delays(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
     """Mean and covariance of the delays where most are close to the hold and some are not.
 
     The prior is a mixture of two normal ones, which hardly changes a delay with much information in the log: one with

@@ -35,6 +35,7 @@ from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
 from haptid.treatment_choice.elasticity import expect_stiffness_of_motors, hidden_stiffness, noise_of_stiffness
 from haptid.treatment_choice.motion_filters import MotionFilters
+from haptid.treatment_choice.motor_delays import motor_delays, usual_delay
 from haptid.treatment_choice.propose import TRIED, Proposal, propose
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
@@ -46,6 +47,8 @@ _FILTERS, _NOISE = (1.0, 2 / 3, 1 / 2, 1 / 3), 0.1
 _SECONDS = 10.0
 # Highest frequency of a link that is simulated from sample to sample, over the sampling rate.
 _SAMPLED = 0.2
+# Passes of delays and parameters, at most.
+_DELAYS = 8
 # End of the names of the channels that are added.
 _SIMULATED = " (simulated)"
 
@@ -55,11 +58,6 @@ def lacks_links(model: DynamicModel, log: Log) -> bool:
     every = position_channels(model.device, log.channels.position.side)
     idle = sum(drive.unloaded for drive in model.device.drives)
     return bool(idle) and log.position.shape[1] == len(every) - idle
-
-
-def command_delay(log: Log) -> float:
-    """Delay of a torque that is commanded from sample to sample, s."""
-    return 0.5 * float(log.dt)
 
 
 def complete_logs(
@@ -107,7 +105,7 @@ def complete_logs(
         start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
         frequencies = start.frequencies
         _expect_between_samples(part, frequencies)
-        found = _with_little_noise(model, followed, filters, start)
+        found = _with_little_noise(model, followed, filters, start, "torque_delay_s" not in given)
     except IdentifiabilityError as error:
         raise hidden_stiffness(model, error, proposal.bandwidth_hz) from error
     except (ConvergenceError, SimulationError) as error:
@@ -117,9 +115,12 @@ def complete_logs(
 
 
 def _with_little_noise(
-    model: DynamicModel, logs: Sequence[Log], filters: Sequence[Treatment], start: SpringStart
+    model: DynamicModel, logs: Sequence[Log], filters: Sequence[Treatment], start: SpringStart, delays: bool
 ) -> Estimate:
     """The estimate behind the first filter that leaves little noise of the encoders in the columns of the stiffness.
+
+    Args:
+        delays: whether those of the torque are estimated.
 
     Raises:
         HaptidError: as `estimate`, behind the last filter.
@@ -129,7 +130,7 @@ def _with_little_noise(
         observation = _rows(model, logs, treatment)
         initial = initial or _stable(observation, start)
         try:
-            found = estimate(observation, MotorSide(initial=initial))
+            found = estimate(observation, MotorSide(initial=initial, delays=delays))
         except (ConvergenceError, IdentifiabilityError, SimulationError):
             if treatment is filters[-1]:
                 raise
@@ -138,20 +139,46 @@ def _with_little_noise(
         if noise_of_stiffness(found) <= _NOISE:
             break
     assert found is not None
-    return found
+    return _with_delays(model, logs, found) if delays else found
+
+
+def _with_delays(model: DynamicModel, logs: Sequence[Log], found: Estimate) -> Estimate:
+    """The estimate with delays of the torque that are estimated from the same rows.
+
+    Raises:
+        ConvergenceError: delays and parameters do not settle.
+        HaptidError: as `estimate`.
+    """
+    for _ in range(_DELAYS):
+        delays = motor_delays(found)
+        if delays.still:
+            return found
+        treatment = replace(found.observation.motions[0].treatment, torque_delay_s=delays.setting)
+        initial = dict(zip(found.names, delays.beta.tolist(), strict=True))
+        found = estimate(_rows(model, logs, treatment), MotorSide(initial=initial, delays=True))
+    raise ConvergenceError(
+        f"the delay of the torque and the parameters do not settle within {_DELAYS} passes.",
+        where="torque_delay_s",
+        found=float(np.max(delays.seconds)),
+        advice="Give torque_delay_s.",
+    )
 
 
 def _proposed(rigid: DynamicModel, logs: Sequence[Log], given: Mapping[str, Any]) -> Proposal:
     """Proposed treatment for the rows of motors whose links are simulated: filters of elastic devices."""
-    # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
-    settings = {"torque_delay_s": command_delay(logs[0]), **given}
-    proposal = propose(rigid, *logs, **settings)
-    if not {"parallel_cutoff_hz", "cutoff_hz", "decimation"}.isdisjoint(given):
-        return proposal
-    narrow = MotionFilters.of(rigid, tuple(logs), settings).parallel(TRIED[0])
-    if proposal.treatment.parallel_cutoff_hz in (None, narrow):
-        return proposal
-    return propose(rigid, *logs, **settings, parallel_cutoff_hz=narrow)
+    # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated with the spring.
+    settings = {"torque_delay_s": usual_delay(logs[0]), **given}
+    proposal, filters = propose(rigid, *logs, **settings), MotionFilters.of(rigid, tuple(logs), settings)
+    narrow = filters.parallel(TRIED[0])
+    free = {"parallel_cutoff_hz", "cutoff_hz", "decimation"}.isdisjoint(given)
+    if free and proposal.treatment.parallel_cutoff_hz not in (None, narrow):
+        proposal = propose(rigid, *logs, **settings, parallel_cutoff_hz=narrow)
+    # A light rotor sticks at reversals, and what that does to the sign of its dry friction goes with its acceleration.
+    # Whether joints stick was judged by rigid ones, behind other filters.
+    clear = replace(proposal.treatment, reversal_guard_s=None)
+    if any(filters.reversal_speed) and "reversal_guard_s" not in given and filters.leaves_enough(clear):
+        return replace(proposal, treatment=clear)
+    return proposal
 
 
 def _stable(observation: Observation, start: SpringStart) -> dict[str, float]:

@@ -133,10 +133,13 @@ class MotionFilters:
         """Without windows that contain a reversal where rows mislead there, if enough are left; else with them."""
         if not any(self.reversal_speed):
             return self
-        clear, speeds = replace(self, near=False).at(USUAL, given), np.array(self.reversal_speed)
-        judged = np.array(self.model.device.measured) & ~self._of_noise
-        enough = bool(min(self._shares(clear, speeds)[judged]) >= _CLEAR)
+        enough = self.leaves_enough(replace(self, near=False).at(USUAL, given))
         return replace(self, near=not (enough and misled), may_clear=enough and not misled)
+
+    def leaves_enough(self, treatment: Treatment) -> bool:
+        """Whether a treatment leaves the rows of every motor that one without windows with a reversal has to leave."""
+        judged = np.array(self.model.device.measured) & ~self._of_noise
+        return bool(min(self._shares(treatment, np.array(self.reversal_speed))[judged]) >= _CLEAR)
 
     def faster_than(self, speeds: Array, given: Given) -> MotionFilters:
         """Without windows slower than these anywhere, (rows of torque,), SI, where enough are left; itself for none."""

@@ -13,7 +13,7 @@ from haptid.estimation.methods.motor_side import MotorSide
 from haptid.estimation.methods.simulation_based import Linearised, base_columns, linearised_observation
 from haptid.log.lattice import lattices
 from haptid.log.spectrum import spectra
-from haptid.motion.motion import Motion, with_positions
+from haptid.motion.motion import Motion, with_delay, with_positions
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
 
@@ -24,8 +24,12 @@ _MATTERS = 1e-3
 # Note on the intervals.
 FEW_LOGS = (
     "Intervals from the motor side alone have been studied on few simulated logs, and single errors were four standard "
-    "errors: take them for a lower bound of the uncertainty. They take the torque's delay as known: a tenth of a "
-    "millisecond may move a viscous friction by a tenth. Positions of both sides have intervals that are validated."
+    "errors: take them for a lower bound of the uncertainty. Positions of both sides have intervals that are validated."
+)
+# Where the delay is given.
+DELAY_KNOWN = (
+    "Intervals take the torque's delay as known, since it is given: a tenth of a millisecond may move a viscous "
+    "friction by a tenth. Leave torque_delay_s out, and it is estimated with the parameters."
 )
 # Passes until segments along other positions meet.
 _PASSES = 3
@@ -36,7 +40,7 @@ def with_noise_uncertainty(fitted: Estimate) -> Estimate:
 
     The scatter of few blocks shows the variance by rounding within a third or so, and where it happens to be small the
     error does not: that variance is computed too, from positions that are rounded to other lattices, and what the
-    scatter does not show of it is added.
+    scatter does not show of it is added, parameter by parameter.
 
     Args:
         fitted: by `MotorSide`; its motions hold the simulated joints.
@@ -48,11 +52,12 @@ def with_noise_uncertainty(fitted: Estimate) -> Estimate:
     correction = np.asarray(_KNOWN * (inverse @ (N[:p, :p] @ fitted.beta - N[:p, p]))[None], dtype=np.float64)
     if shares_of_motor_noise(fitted).max() > _MATTERS:
         shifts = _by_rounding(fitted) @ inverse
-        whole = float(np.mean(np.mean(shifts**2, axis=0) / fitted.se**2))
-        share = max(0.0, 1.0 - 1.0 / whole) if whole > 0 else 0.0
-        fitted = fitted.with_nuisance("rounding of the encoders", shifts * np.sqrt(share / len(shifts)))
+        size = np.maximum(np.mean(shifts**2, axis=0), np.finfo(float).tiny)
+        shown = np.sqrt(np.maximum(0.0, 1.0 - fitted.se**2 / size) / len(shifts))
+        fitted = fitted.with_nuisance("rounding of the encoders", shifts * shown)
     fitted = fitted.with_nuisance("noise of the encoders", correction)
-    return replace(fitted, notes=(*fitted.notes, FEW_LOGS))
+    known = () if isinstance(fitted.method, MotorSide) and fitted.method.delays else (DELAY_KNOWN,)
+    return replace(fitted, notes=(*fitted.notes, FEW_LOGS, *known))
 
 
 def shares_of_motor_noise(fitted: Estimate) -> Array:
@@ -81,11 +86,12 @@ def _by_rounding(fitted: Estimate) -> Array:
     smoothed, base = smooth(fitted.model, observation.motions, method.friction), base_columns(fitted.model)
     parts: list[list[Linearised]] = []
     for motion in observation.motions:
-        along = DrivenJoints(smoothed, motion, method.segments(motion), base)
+        unrounded, *rounded = _rounded(motion)
+        along = DrivenJoints(smoothed, unrounded, method.segments(motion), base)
         for _ in range(_PASSES):
             plain = along.course(fitted.beta)
         along.measured = plain.torque
-        made = (along.at(moved).course(fitted.beta) for moved in _rounded(motion))
+        made = (along.at(moved).course(fitted.beta) for moved in rounded)
         parts.append([Linearised(motion, plain.torque - one.torque, plain.slope) for one in made])
     scores = np.zeros((len(parts[0]), len(fitted.beta)))
     for score, own in zip(scores, zip(*parts, strict=True), strict=True):
@@ -96,9 +102,14 @@ def _by_rounding(fitted: Estimate) -> Array:
 
 
 def _rounded(motion: Motion) -> list[Motion]:
-    """The motion with its filtered positions rounded to each of some lattices; as it is without a log."""
+    """The motion with its filtered positions, and with these rounded to each of some lattices; as it is without a log.
+
+    Positions of a motion are evaluated later by the torque's delay, and treated again they would be so twice: 0.5 ms
+    of a motion are many steps of a fine encoder.
+    """
     every = lattices(motion.q.shape[1])
     if motion.log is None:
-        return [motion for _ in every]
-    q, steps = np.asarray(motion.q[:]), np.array([own.step or own.recorded for own in spectra(motion.log)])
-    return [with_positions(motion, lattice.rounded(q, steps)) for lattice in every]
+        return [motion for _ in range(1 + len(every))]
+    q = np.asarray(with_delay(motion, 0.0).q[:])
+    steps = np.array([own.step or own.recorded for own in spectra(motion.log)])
+    return [with_positions(motion, seen) for seen in (q, *(lattice.rounded(q, steps) for lattice in every))]

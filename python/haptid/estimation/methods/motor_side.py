@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device.device import Device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
@@ -22,11 +23,12 @@ from haptid.estimation.methods.simulation_based import (
     linearised_observation,
 )
 from haptid.estimation.methods.wls import WLS
+from haptid.motion.channels import channel_shares, channel_torque
 from haptid.motion.motion import Motion
 from haptid.motion.streaming import filtered
 from haptid.observation.observation import Observation
 from haptid.simulation import Segments, smooth
-from haptid.simulation.driven import DrivenJoints
+from haptid.simulation.driven import DrivenCourse, DrivenJoints
 from haptid.simulation.driven_noise import noise_density, noise_moments
 
 # Of logs whose encoders hide parameters.
@@ -34,6 +36,18 @@ _ADVICE = (
     "Move faster with the same strokes, or measure with finer encoders; if nothing shows it there either, the motors "
     "are rigid for such motion: remove the elastic terms."
 )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotorFit(Fit):
+    """A fit whose rows have columns of the torque channels' delays as well.
+
+    Attributes:
+        wide: the rows, with the rate of each channel's torque behind the columns of the base parameters: R factors of
+            [J D y] by motor and block, with the same weights; y - J beta = D times what is missing of the delay.
+    """
+
+    wide: Observation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +65,8 @@ class MotorSide(SimulationBased):
     Attributes:
         initial: base parameters to begin with by name, SI; those of `start` where left out.
         run_in: not used, because segments meet.
+        delays: whether the delay of the torque was estimated from the same rows, so that it is uncertain: the fit is a
+            `MotorFit`.
     """
 
     weighting: Method = field(default_factory=WLS)
@@ -58,7 +74,9 @@ class MotorSide(SimulationBased):
     most: int = 25
     tolerance: float = 0.3
     segment: float = 0.25
+    delays: bool = False
     _joints: dict[int, DrivenJoints] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _courses: list[DrivenCourse] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def segments(self, motion: Motion) -> Segments:
         """Of one motion; each begins at the last sample of the one before."""
@@ -87,11 +105,11 @@ class MotorSide(SimulationBased):
         density = [noise_density(motion) if motion.log else None for motion in observation.motions]
         for number in range(self.most):
             weights = self.weights(rows)
-            noise = noise_of_rows(rows, smoothed, beta, weights, density)
+            noise = noise_of_rows(rows, beta, weights, density)
             found = noise_corrected(rows, weights, noise, _ADVICE)
             moved = np.abs(found.solution.beta - beta) / np.sqrt(np.diag(ClusterRobust().spread(found).covariance))
             if moved.max() <= self.tolerance:
-                return found
+                return own._with_delays(observation, found, beta) if self.delays else found
             beta = found.solution.beta if number < FULL_STEPS else 0.5 * (beta + found.solution.beta)
             rows = rows_of(self.weighting, own.linearised_rows(observation, smoothed, beta))
         worst = int(np.argmax(moved))
@@ -114,19 +132,45 @@ class MotorSide(SimulationBased):
 
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of the motors' torque; joints without motor have none."""
-        model, parts = observation.model, []
+        self._courses.clear()
         for place, motion in enumerate(observation.motions):
             if place not in self._joints:
-                self._joints[place] = DrivenJoints(smoothed, motion, self.segments(motion), base_columns(model))
-            joints = self._joints[place]
-            course = joints.course(beta)
-            parts.append(
-                Linearised(motion, _behind_position_filter(motion, joints.measured) - course.torque, course.slope)
-            )
-        idle = [drive.name for drive in model.device.drives if drive.unloaded]
+                base = base_columns(observation.model)
+                self._joints[place] = DrivenJoints(smoothed, motion, self.segments(motion), base)
+            self._courses.append(self._joints[place].course(beta))
+        return self._linearised(observation, beta, [course.slope for course in self._courses])
+
+    def _linearised(self, observation: Observation, values: Array, slopes: Sequence[Array]) -> Observation:
+        """Rows of the motors' torque along the last simulation, each motion with slopes, (n, columns, samples)."""
+        parts = []
+        for place, (motion, slope) in enumerate(zip(observation.motions, slopes, strict=True)):
+            measured = _behind_position_filter(motion, self._joints[place].measured)
+            parts.append(Linearised(motion, measured - self._courses[place].torque, slope))
+        idle = [drive.name for drive in observation.model.device.drives if drive.unloaded]
         motors = tuple(motor for motor in observation.motors if motor.name not in idle)
         rows = replace(observation, motors=motors)
-        return linearised_observation(rows, beta, parts, [motor.unit for motor in motors])
+        return linearised_observation(rows, values, parts, [motor.unit for motor in motors])
+
+    def _with_delays(self, observation: Observation, found: Fit, beta: Array) -> MotorFit:
+        """A fit with columns of the delays, from the last simulation, that with parameters `beta`."""
+        rates = [
+            self._joints[place].beside_start(course, _torque_rates(observation.model.device, motion, course))
+            for place, (motion, course) in enumerate(zip(observation.motions, self._courses, strict=True))
+        ]
+        values = np.append(beta, np.zeros(rates[0].shape[1]))
+        slopes = [np.concatenate([own.slope, rate], axis=1) for own, rate in zip(self._courses, rates, strict=True)]
+        wide = self._linearised(observation, values, slopes)
+        return MotorFit(**{own.name: getattr(found, own.name) for own in fields(found)}, wide=wide)
+
+
+def _torque_rates(device: Device, motion: Motion, course: DrivenCourse) -> Array:
+    """Rate of each channel's torque, by the model, in every row, (n, channels, samples), N m/s or N/s.
+
+    By the model, because noise of the torque in such a column would bias the delay.
+    """
+    shares = channel_shares(device, motion, course.c)
+    rates = np.gradient(channel_torque(device, shares, course.torque), float(motion.dt), axis=1)
+    return np.asarray(shares.transpose(2, 1, 0) * rates)
 
 
 def _behind_position_filter(motion: Motion, torque: Array) -> Array:
@@ -145,7 +189,6 @@ def _behind_position_filter(motion: Motion, torque: Array) -> Array:
 
 def noise_of_rows(
     rows: Observation,
-    smoothed: DynamicModel,
     beta: Array,
     weights: Array,
     density: Sequence[tuple[Array, Array] | None],
@@ -154,8 +197,7 @@ def noise_of_rows(
 
     Args:
         rows: linearised about a simulation, J b = J beta + e.
-        smoothed: the model that was simulated.
-        beta: its base parameters, (p,).
+        beta: base parameters of the simulation, (p,).
         weights: of each motor's rows, (motors,).
         density: of each motion's noise, as `noise_density` gives it; None without noise.
     """
@@ -164,7 +206,7 @@ def noise_of_rows(
     for motion, own in zip(rows.motions, density, strict=True):
         if own is None:
             continue
-        information, score = noise_moments(smoothed, base, beta, motion, own)
+        information, score = noise_moments(rows.model, base, beta, motion, own)
         blocks = [k for k, block in enumerate(rows.blocks) if block.log == motion.name]
         for made, motor, weight in zip(noise, rows.motors, weights, strict=True):
             k = rows.model.device.row_names.index(motor.name)
