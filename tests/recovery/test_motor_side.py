@@ -20,7 +20,14 @@ from haptid.experiment import bench
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
 from haptid.treatment_choice.elasticity import noise_of_stiffness
-from haptid.treatment_choice.hidden_joints import _followed, _proposed, _shared, complete_logs, lacks_links
+from haptid.treatment_choice.hidden_joints import (
+    _followed,
+    _proposed,
+    _shared,
+    complete_logs,
+    lacks_links,
+)
+from haptid.treatment_choice.motion_filters import MotionFilters
 from haptid.treatment_choice.motor_delays import motor_delays, with_motor_delays
 from motions import motion
 
@@ -281,8 +288,12 @@ def test_windows_with_a_reversal_make_rotors_too_heavy():
     terms = [*TERMS[:2], TERMS[3], {"kind": "coulomb", "motors": "all", "prefix": "FCM"}]
     model, log, values = two_joints(terms=terms, friction=0.2, noise=0.0, seed=1, highest=8.0)
     rigid = axis(gravity=GRAVITY, joints=JOINTS, motors=MOTORS, terms=terms[1:])
-    treatment = _shared(_proposed(rigid, [log], {}).treatment)
+    proposed = replace(_shared(_proposed(rigid, [log], {}).treatment), reversal_guard_s=0.0107)
+    filters = MotionFilters.of(rigid, (log,), {})
+    treatment = filters.clear(proposed)
     assert treatment.reversal_guard_s is None
+    narrow = replace(proposed, parallel_cutoff_hz=2.0, reversal_guard_s=None)  # hardly a window is without a reversal
+    assert filters.clear(narrow).reversal_guard_s == pytest.approx(0.3 * 0.4 / 2.0, rel=0.05)
     start = model.base.of(np.array([values.get(name, 0.0) for name in model.device.parameters.names]))
     method = MotorSide(initial=dict(zip(model.base.names, start.tolist(), strict=True)))
     off = []

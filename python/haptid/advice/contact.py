@@ -103,7 +103,7 @@ def _leaves_rest(rows: TrialRows, flagged: np.ndarray) -> bool:
         if before < 0 or rows.log[k] != rows.log[before] or rows.t[k] - rows.t[before] > _CONTACT_S:  # a part begins
             just = (rows.log == rows.log[k]) & (np.abs(rows.t[k] - _CONTACT_S - rows.t) <= _CONTACT_S)
             early = bool(stood[just].any())
-        near, before = near + early, k
+        near, before = near + early, int(k)
     return near > _MOSTLY * int(flagged.sum())
 
 

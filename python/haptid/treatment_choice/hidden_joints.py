@@ -85,7 +85,8 @@ def complete_logs(
     chosen = [log for log, own in zip(logs, fitting, strict=True) if own]
     if model.device.sensors:
         raise _without_links(model, logs[0])
-    proposal = _proposed(_without(model, "elastic"), chosen, given)
+    rigid = _without(model, "elastic")
+    proposal = _proposed(rigid, chosen, given)
     treatment = _shared(proposal.treatment)
     part = chosen[0].busiest(_SECONDS)
     # All inertia in the links: which of the two a rigid model would have it in is a matter of the order of its terms.
@@ -98,9 +99,14 @@ def complete_logs(
         if treatment.parallel_cutoff_hz is None or "parallel_cutoff_hz" in given or several
         else [replace(treatment, parallel_cutoff_hz=share * treatment.parallel_cutoff_hz) for share in _FILTERS]
     )
+    if "reversal_guard_s" not in given:
+        # A light rotor sticks at reversals, and what that does to the sign of its dry friction goes with its
+        # acceleration. Whether joints stick was judged by rigid ones, behind another filter.
+        motions = MotionFilters.of(rigid, tuple(chosen), given)
+        filters = [motions.clear(own) for own in filters]
     frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
     try:
-        motion = treat(_followed(model, part), treatment)
+        motion = treat(_followed(model, part), filters[0])
         known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
         start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
         frequencies = start.frequencies
@@ -127,10 +133,15 @@ def _with_little_noise(
     """
     initial, found = None, None
     for treatment in filters:
-        observation = _rows(model, logs, treatment)
+        known: dict[str, Any] = (
+            {"torque_delay_s": found.observation.motions[0].treatment.torque_delay_s} if found else {}
+        )
+        observation = _rows(model, logs, replace(treatment, **known))
         initial = initial or _stable(observation, start)
         try:
             found = estimate(observation, MotorSide(initial=initial, delays=delays))
+            # With a wrong delay damping is wrong, and with it what noise the links amplify.
+            found = _with_delays(model, logs, found) if delays else found
         except (ConvergenceError, IdentifiabilityError, SimulationError):
             if treatment is filters[-1]:
                 raise
@@ -139,7 +150,7 @@ def _with_little_noise(
         if noise_of_stiffness(found) <= _NOISE:
             break
     assert found is not None
-    return _with_delays(model, logs, found) if delays else found
+    return found
 
 
 def _with_delays(model: DynamicModel, logs: Sequence[Log], found: Estimate) -> Estimate:
@@ -168,17 +179,13 @@ def _proposed(rigid: DynamicModel, logs: Sequence[Log], given: Mapping[str, Any]
     """Proposed treatment for the rows of motors whose links are simulated: filters of elastic devices."""
     # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated with the spring.
     settings = {"torque_delay_s": usual_delay(logs[0]), **given}
-    proposal, filters = propose(rigid, *logs, **settings), MotionFilters.of(rigid, tuple(logs), settings)
-    narrow = filters.parallel(TRIED[0])
-    free = {"parallel_cutoff_hz", "cutoff_hz", "decimation"}.isdisjoint(given)
-    if free and proposal.treatment.parallel_cutoff_hz not in (None, narrow):
-        proposal = propose(rigid, *logs, **settings, parallel_cutoff_hz=narrow)
-    # A light rotor sticks at reversals, and what that does to the sign of its dry friction goes with its acceleration.
-    # Whether joints stick was judged by rigid ones, behind other filters.
-    clear = replace(proposal.treatment, reversal_guard_s=None)
-    if any(filters.reversal_speed) and "reversal_guard_s" not in given and filters.leaves_enough(clear):
-        return replace(proposal, treatment=clear)
-    return proposal
+    proposal = propose(rigid, *logs, **settings)
+    if not {"parallel_cutoff_hz", "cutoff_hz", "decimation"}.isdisjoint(given):
+        return proposal
+    narrow = MotionFilters.of(rigid, tuple(logs), settings).parallel(TRIED[0])
+    if proposal.treatment.parallel_cutoff_hz in (None, narrow):
+        return proposal
+    return propose(rigid, *logs, **settings, parallel_cutoff_hz=narrow)
 
 
 def _stable(observation: Observation, start: SpringStart) -> dict[str, float]:

@@ -133,10 +133,17 @@ class MotionFilters:
         """Without windows that contain a reversal where rows mislead there, if enough are left; else with them."""
         if not any(self.reversal_speed):
             return self
-        enough = self.leaves_enough(replace(self, near=False).at(USUAL, given))
+        enough = self._leaves_enough(replace(self, near=False).at(USUAL, given))
         return replace(self, near=not (enough and misled), may_clear=enough and not misled)
 
-    def leaves_enough(self, treatment: Treatment) -> bool:
+    def clear(self, treatment: Treatment) -> Treatment:
+        """A treatment without windows that contain a reversal where enough rows are left, else with a guard."""
+        clear, parallel = replace(treatment, reversal_guard_s=None), treatment.parallel(self.dt)
+        if not any(self.reversal_speed) or parallel is None or self._leaves_enough(clear):
+            return clear
+        return replace(treatment, reversal_guard_s=_guard(parallel))
+
+    def _leaves_enough(self, treatment: Treatment) -> bool:
         """Whether a treatment leaves the rows of every motor that one without windows with a reversal has to leave."""
         judged = np.array(self.model.device.measured) & ~self._of_noise
         return bool(min(self._shares(treatment, np.array(self.reversal_speed))[judged]) >= _CLEAR)
@@ -184,7 +191,7 @@ class MotionFilters:
         if all_rows and any(self.rest_speed):
             follows |= {"rest_speed": self.rest_speed, "rest_s": max(_REST, _RESTS / self.bandwidth)}
         if "reversal_guard_s" not in given and not all_rows and self.near:
-            follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
+            follows["reversal_guard_s"] = _guard(parallel)
         return Treatment(**{**follows, **given})
 
     def _position_cutoffs(self, parallel: float) -> tuple[float, ...]:
@@ -346,6 +353,11 @@ class MotionFilters:
             f"Rows at rest, where friction is anything up to dry friction, are left out of all errors: "
             f"{left} % of each motor's.",
         )
+
+
+def _guard(parallel: float) -> float:
+    """Time from slow motion within which rows are left out where others may contain it, s; cut-off in Hz."""
+    return float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
 
 
 def _slow_samples(v: Array, window: int) -> Array:
