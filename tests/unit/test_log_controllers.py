@@ -100,6 +100,28 @@ def test_a_position_that_turns_on_evenly_is_no_time() -> None:
     assert Content.of({"t": jittered, "a": Q[:, 0], "b": QD[:, 0], "c": TAU[:, 0]}).time == "t"
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e6], ids=["s", "ms", "us"])
+@pytest.mark.parametrize("after", [False, True])
+def test_the_steps_of_a_clock_are_no_velocity_and_no_torque(unit: float, after: bool) -> None:
+    """A time whose steps are recorded beside it was drafted as a torque, or as a joint with these as its velocity."""
+    rng = np.random.default_rng(6)
+    clock = np.cumsum(DT * (1 + 0.05 * rng.standard_normal(T.size)))
+    steps = unit * np.diff(clock, **({"append": clock[-1] + DT} if after else {"prepend": 0.0}))
+    arm = {f"{name}{k}": values[:, k] for name, values in (("q", Q), ("qd", QD), ("tau", TAU)) for k in range(3)}
+    for columns in ({"t": clock, "dt": steps, **arm}, {"t": clock, **arm, "dt": steps}):
+        found = Content.of(columns)
+        assert (found.time, found.positions) == ("t", ("q0", "q1", "q2"))
+        assert found.torques == ("tau0", "tau1", "tau2")
+
+
+def test_a_velocity_at_one_kilohertz_is_not_the_steps_of_a_clock() -> None:
+    """The position grows by a thousandth of it, as seconds do by milliseconds."""
+    t = 1e-3 * np.arange(6000)
+    turning, rate = 3 * t + 0.2 * np.sin(5 * t), 3 + np.cos(5 * t)
+    found = Content.of({"a": turning, "b": rate, "c": np.sign(rate - 3) + 0.1 * np.cos(9 * t)})
+    assert (found.time, found.positions, found.torques) == ("", ("a",), ("c",))
+
+
 @pytest.mark.parametrize("rows", ["columns", "transposed", "by joint", "pairs", "no time"])
 def test_states_in_one_array_are_told_by_their_rates(tmp_path: Path, rows: str) -> None:
     """`Q = [q qd qdd]` was drafted as the positions of nine joints."""

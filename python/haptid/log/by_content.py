@@ -6,6 +6,7 @@ have little effect there. Torques are what is left. All of it is a guess for a p
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,6 +40,10 @@ _SIZE = 0.1
 _OF_ANGLES = np.array([1.0, np.pi / 180, 180 / np.pi])
 # Greatest share by which the steps of a column of times differ, in the median.
 _REGULAR = 0.5
+# Least change from row to row of the steps of a clock in another unit, by their deviation; velocities are smooth.
+_JITTER = 0.5
+# Units of times, thousands from the largest to the smallest: s, ms, us, ns.
+_UNITS = 3
 # Rows of a recording in a table of several, in the mean at least.
 _LEAST_RUN = 100
 # Ratio of the roughness of two copies above which the rougher one is measured and the other one planned.
@@ -89,18 +94,22 @@ class Content:
         linked = _linked(rows)
         steady = [name in clocks or _steady(row) for name, row in zip(names, rows, strict=True)]
         varying = [not steady[k] and np.ptp(row) > 0 for k, row in enumerate(rows)]
+        evenly = [row for row, own in zip(rows, steady, strict=True) if own]
+        steps = [varying[k] and any(_steps_of(clock, row) for clock in evenly) for k, row in enumerate(rows)]
         # What grows evenly, and has a rate that varies with its steps, is a position that turns on.
+        rating = [varies and not step for varies, step in zip(varying, steps, strict=True)]
         steady = [
-            own and (name in clocks or not (linked[k][varying] > _INTEGRAL).any())
+            own and (name in clocks or not (linked[k][rating] > _INTEGRAL).any())
             for k, (name, own) in enumerate(zip(names, steady, strict=True))
         ]
-        moving = [k for k, row in enumerate(rows) if not steady[k] and np.ptp(row) > 0]
+        signals = [k for k in range(len(rows)) if not steady[k] and not steps[k]]
+        moving = [k for k in signals if np.ptp(rows[k]) > 0]
         if len(moving) < 2:
             return Content()
         time = next((k for k in range(len(names)) if steady[k] and _from_zero(rows[k]) and not _counts(rows[k])), None)
         found = _chains(linked[np.ix_(moving, moving)])
         found = {i: j for i, j in found.items() if _grows(rows, moving[i], moving[j])}
-        first = next(k for k in range(len(names)) if not steady[k])
+        first = signals[0]
         arrays = [name.partition("[")[0] for name in names]
         pairs = {moving[i]: moving[j] for i, j in found.items()}
         if len(moving) > _MANY:
@@ -108,7 +117,7 @@ class Content:
             pairs = {i: j for i, j in pairs.items() if i - first < j - i or 0 < j - i <= _NEAR or apart[j - i] > 1}
         own = Counter(arrays[i] for i, j in pairs.items() if arrays[i] == arrays[j] != names[i])
         if own:  # positions and rates are one array
-            first = next(k for k, array in enumerate(arrays) if array == own.most_common(1)[0][0] and not steady[k])
+            first = next(k for k in signals if arrays[k] == own.most_common(1)[0][0])
         at, block = _whole_block(pairs, first, linked)
         heads = [k for k in sorted(set(at) - set(at.values())) if k in block or not _scaled(rows, k, at, block)]
         together = len(set(arrays)) > 1 and {arrays[k] for k in heads} == {arrays[first]}
@@ -177,6 +186,22 @@ def _steady(row: NDArray[np.float64]) -> bool:
 def _from_zero(row: NDArray[np.float64]) -> bool:
     """Whether a column that grows begins where times may: not before zero by more than it grows."""
     return bool(row[0] >= -(row[-1] - row[0]))
+
+
+def _steps_of(clock: NDArray[np.float64], row: NDArray[np.float64]) -> bool:
+    """Whether a column is the step of a clock before or after each row, in any unit of times.
+
+    In another unit a velocity at 1 kHz is so too, but smooth: seconds whose steps are in ms.
+    """
+    for pair in (np.stack([clock, row]), np.stack([clock[1:], row[:-1]])):
+        grown, sums = _gains(pair, 0, 1)
+        gain = float(grown @ sums) / max(float(sums @ sums), np.finfo(float).tiny)
+        if gain > 0 and grown @ sums > _NOISY_INTEGRAL * np.linalg.norm(grown) * np.linalg.norm(sums):
+            thousands = round(math.log10(gain) / 3)
+            jitters = thousands == 0 or np.std(np.diff(row)) > _JITTER * np.std(row)
+            if abs(thousands) <= _UNITS and abs(gain / 1000.0**thousands - 1.0) < _SIZE and jitters:
+                return True
+    return False
 
 
 def _of_one_run(rows: NDArray[np.float64]) -> NDArray[np.float64]:
