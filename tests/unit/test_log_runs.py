@@ -125,6 +125,12 @@ def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
         (("joint1", "joint2"), False),
         (("left_arm", "right_arm"), False),
         (("elbow", "wrist"), False),
+        (("training_elbow", "training_wrist"), False),
+        (("test_joint1", "test_joint2"), False),
+        (("arm1_joint1", "arm1_joint2"), False),
+        (("joint_1_test", "joint_10_test"), False),
+        (("leg1_run1", "leg1_run2"), True),
+        (("leg1_train", "leg1_test"), True),
     ],
 )
 @pytest.mark.parametrize("header", ["t,q1,q2,tau1,tau2", ""])

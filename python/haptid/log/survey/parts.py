@@ -317,13 +317,24 @@ def _check_apart(path: Path) -> None:
 
 
 def _are_runs(stems: Sequence[str]) -> bool:
-    """Whether names of files differ by numbers, or words, of runs, and not by those of joints or limbs."""
+    """Whether names of files differ by numbers, or words, of runs, and not by those of joints or limbs.
+
+    What all names have, `test_joint1` and `test_joint2` or `leg1_run1` and `leg1_run2`, tells nothing.
+    """
     start = len(_prefix(stems)) if stems else 0
     end = len(_prefix([stem[start:][::-1] for stem in stems])) if stems else 0
     own = [stem[start : len(stem) - end] for stem in stems]
     numbered = any(letter.isdecimal() for text in own for letter in text)
-    limbs = all(_LIMB.search(stem) for stem in stems)
-    return (numbered and not limbs) or any(words_of(stem) & _RUNS for stem in stems)
+    limbs = _apart([frozenset(match[0].lower() for match in _LIMB.finditer(stem)) for stem in stems])
+    return (numbered and not (all(limbs) and len({*limbs}) == len(limbs))) or any(
+        words & _RUNS for words in _apart([words_of(stem) for stem in stems])
+    )
+
+
+def _apart(found: Sequence[frozenset[str]]) -> list[frozenset[str]]:
+    """Of each set what not all of them have."""
+    common = frozenset.intersection(*found) if found else frozenset()
+    return [own - common for own in found]
 
 
 def _has_all(file: Path) -> bool:
