@@ -263,3 +263,14 @@ def test_one_joint_of_an_arm_that_moves_is_in_its_block(tmp_path: Path) -> None:
         blocks = [part + own * (np.arange(3) == moves) for part, own in zip(rest, (Q, QD, TAU), strict=True)]
         found = tomllib.loads(survey(written(tmp_path, np.column_stack([T, *blocks]))).table)["channels"]
         assert (found["position"]["joints"], found["torque"]["joints"]) == ([2, 3, 4], [8, 9, 10])
+
+
+def test_voltages_of_motors_about_an_operating_point_are_those_of_no_supply(tmp_path: Path) -> None:
+    """They were left out, and the draft asked for them in N m."""
+    path, about = tmp_path / "log.csv", 12 + 0.5 * TAU / np.abs(TAU).max(axis=0)
+    found = drafted(path, time=T, motor_pos=Q[:, 0], motor_voltage=about[:, 0])
+    assert found["torque"] == {"channels": ["motor_voltage"], "unit": "V", "side": "motor"}
+    found = drafted(path, t=T, q=Q, voltage=about + [0, 4, 0] * TAU / np.abs(TAU).max(axis=0))
+    assert found["torque"] == {"channels": [f"voltage_{k}" for k in range(3)], "unit": "V", "side": "motor"}
+    assert "torque" not in drafted(path, t=T, q=Q, voltage=about)
+    assert '# torque = { channels = ["voltage_0", "voltage_1", "voltage_2"], unit = "V"' in survey(path).table

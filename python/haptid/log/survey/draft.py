@@ -251,7 +251,13 @@ def _left(topics: Sequence[TopicSurvey], position: ChannelFamily) -> list[str]:
     ][:3]
     names = " or ".join(channel_list([channel.name for channel in family.channels]) for family in left)
     asked = f"{_NO_TORQUE} by its name; is it {names}?"
-    return [asked, *(f'# torque = {{ {_where(family)}, unit = "N m" }}' for family in left)] if left else []
+    return [asked, *(f"# torque = {{ {_where(family)}, {_asked_unit(family)} }}" for family in left)] if left else []
+
+
+def _asked_unit(family: ChannelFamily) -> str:
+    """The unit that the names of channels tell that may be torques."""
+    unit = {"current": "A", "voltage": "V"}.get(drive_unit(words_of(family.array)), "")
+    return f'unit = "{unit}", side = "motor"' if unit else 'unit = "N m"'
 
 
 def _velocity_line(rates: Sequence[ChannelFamily], position: ChannelFamily) -> list[str]:

@@ -56,7 +56,11 @@ _RATIO = re.compile(r"[^\W\d_][^/]*/")
 # Names of the rate of a cart's `x`, and the most poles that it carries.
 _RATES_OF_X, _POLES = ("x_dot", "xdot", "dx"), 3
 # A voltage that stays above this share of its greatest value feeds a drive, and moves nothing.
-_SUPPLY = 0.8
+_SUPPLY, _AS_OF_A_SUPPLY = 0.8, "as of a supply"
+# Words of voltages at a motor, about an operating point as those of a supply are; Universal Robots call the supply of a
+# joint so too.
+_AT_A_MOTOR = frozenset({"motor", "motors", "mot", "rotor", "joint", "joints", "axis", "vm", "vq", "uq"})
+_FED_JOINT = frozenset({"actual", "joint"})
 # A numbered pose that is called as nothing else's but the joints'.
 _POSE = re.compile(r"(?:(?:joint|actual|measured|meas|robot)[_.]?)?poses?[_.]?\d+", re.I)
 _LAST_NUMBER = re.compile(r"\d+$")
@@ -158,8 +162,9 @@ def guessed(
             return replace(channel, quantity=quantity, unit=unit, reason=reason)
         return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1] + _or(end))
     of_all = frozenset() if quantity == "position" and not is_straight(words) and is_straight(words | topic) else topic
-    if quantity == "torque" and drive_unit(words) == "voltage" and 0 < _SUPPLY * channel.high <= channel.low < largest:
-        return replace(channel, quantity="other", reason=f"from {channel.low:.4g} to {largest:.4g}, as of a supply")
+    feeds = drive_unit(words) == "voltage" and (not words & _AT_A_MOTOR or words >= _FED_JOINT)
+    if quantity == "torque" and feeds and 0 < _SUPPLY * channel.high <= channel.low < largest:
+        return replace(channel, quantity="other", reason=f"from {channel.low:.4g} to {largest:.4g}, {_AS_OF_A_SUPPLY}")
     unit, reason = unit_of(quantity, words | of_all, largest, channel, source)
     return replace(channel, quantity=quantity, unit=unit, reason=reason)
 
@@ -251,6 +256,22 @@ def lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
             largest = max(abs(channel.low), abs(channel.high))
             unit, reason = unit_of(quantity, frozenset({name}), largest, channel, "")
             made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
+    return made
+
+
+def with_voltages(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
+    """Channels with the voltages that look like a supply's and are numbered as others that vary: all are of motors."""
+
+    def array_of(channel: ChannelSurvey) -> str:
+        return m["array"] if (m := element_of(channel.name)) else re.sub(r"\d+", "#", channel.name)
+
+    varying = {array_of(channel) for channel in channels if channel.quantity == "torque" and channel.usable}
+    made = []
+    for channel in channels:
+        if channel.reason.endswith(_AS_OF_A_SUPPLY) and array_of(channel) in varying:
+            unit, reason = unit_of("torque", words_of(base_of(channel.name)), channel.high, channel, "")
+            channel = replace(channel, quantity="torque", unit=unit, reason=reason)
+        made.append(channel)
     return made
 
 

@@ -22,7 +22,7 @@ from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unread
 from haptid.log.formats.sniff import RawChannel, opened_file
 from haptid.log.survey.channels import LOOKED_AT, ChannelRange, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
-from haptid.log.survey.guesses import commanded, guessed, timed
+from haptid.log.survey.guesses import commanded, guessed, timed, with_voltages
 from haptid.log.survey.names import element_of, words_of
 from haptid.log.survey.recognised import recognised
 from haptid.log.survey.table import surveyed_table
@@ -160,7 +160,5 @@ def _topic(
     joints = dict.fromkeys(m["element"] for name in ranges if (m := element_of(name)))
     delay = float(np.median(behind)) * 1e-6 if behind.size else math.nan
     rate = (received.size - 1) / span if span > 0 else 0.0
-    empty = dict(rows.empty)
-    return TopicSurvey(
-        topic.name, topic.kind, received.size, rate, tuple(joints), empty, tuple(channels), header, delay
-    )
+    empty, told = dict(rows.empty), tuple(with_voltages(channels))
+    return TopicSurvey(topic.name, topic.kind, received.size, rate, tuple(joints), empty, told, header, delay)

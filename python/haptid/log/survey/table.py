@@ -24,7 +24,7 @@ from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts
 from haptid.log.survey.beside import column_names, of_listed_joints, stated_rate, texts_beside
 from haptid.log.survey.channels import A_PART, LOOKED_AT, STATED, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, posed, timed, usual_step
+from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, posed, timed, usual_step, with_voltages
 from haptid.log.survey.names import NESTED, base_of, element_of, is_time, quantity_of
 from haptid.log.survey.recognised import recognised
 from haptid.log.survey.states import with_states
@@ -88,7 +88,7 @@ def surveyed_table(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
                 source = "lerobot" if kind is LEROBOT else "rosjoint" if "joint_states" in name else ""
                 channel = guessed(channel, title, source, stated.get(name, ""))
             channels.append(replace(channel, name=name, joint=called.get(name, "")))
-    channels = [replace(c, quantity="other") if _is_part(c, count) else c for c in channels]
+    channels = [replace(c, quantity="other") if _is_part(c, count) else c for c in with_voltages(channels)]
     rate = next((rate_of[c.name] for c in channels if c.quantity == "time" and rate_of.get(c.name)), 0.0)
     channels, own = _with_stamps_in_parts(channels, path, kind)
     rate = own or rate
