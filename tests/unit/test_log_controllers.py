@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import io
 
+from haptid.errors import LogFileError
 from haptid.log import Channels, Signal, read_log
 from haptid.log.by_content import Content
 from haptid.log.survey import survey
@@ -220,6 +221,23 @@ def test_a_matrix_as_a_laboratory_s_controller_writes_it(tmp_path: Path) -> None
     position = Signal("Encoder 1 Pos", "counts", gain=1e-3)
     log = read_log(tmp_path / "log.txt", Channels(position, Signal("Control Effort", "N m"), "Time"))
     np.testing.assert_allclose(log.torque[:, 0], np.round(rows[:, 5], 4), atol=1e-12)
+
+
+@pytest.mark.parametrize("ends", ["];\n", "\n];\n", "\n]"])
+@pytest.mark.parametrize("begins", ["A = [ ", "log.A=[", "[", "% of a test\nA = [", "A = [\n"])
+def test_the_name_of_a_matrix_before_its_first_row(tmp_path: Path, begins: str, ends: str) -> None:
+    """It was read as the only column."""
+    path, rows = tmp_path / "log.txt", np.column_stack([T, Q, QD, TAU])
+    text = ";\n".join(" ".join(f"{x:.9f}" for x in row) for row in rows)
+    path.write_text(begins + text + ends)
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert (channels["time"], channels["torque"]["joints"]) == ("column[1]", [8, 9, 10])
+    log = read_log(path, Channels(Signal("column[2]", "rad"), Signal("column[8]", "N m"), "column[1]"))
+    np.testing.assert_allclose(log.position[:, 0], Q[:, 0], atol=1e-9)
+    path.write_text(begins + text + "];\nB = [" + text + ends)  # another one is no continuation
+    with pytest.raises(LogFileError, match="12 cells where the header has 10") as refused:
+        read_log(path, Channels(Signal("column[2]", "rad"), Signal("column[8]", "N m"), "column[1]"))
+    assert refused.value.where == T.size + 1 + begins.count("\n")
 
 
 def test_what_stands_still_and_what_falls_is_no_joint_and_no_time() -> None:

@@ -18,7 +18,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.dates import DATE, DayOrder, nanoseconds
-from haptid.log.formats.dialect import KIND, MISSING, Dialect, cells_of, dialect_of
+from haptid.log.formats.dialect import KIND, MISSING, Dialect, bare, cells_of, dialect_of
 from haptid.log.formats.encoding import opened_text, opened_utf8, text_of
 from haptid.log.formats.headers import NUMBER
 from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, Without, blocks
@@ -278,7 +278,8 @@ def _fault(path: Path, dialect: Dialect, indices: dict[str, int], skipped: froze
     above = [cells_of(text_of(line), dialect.separator) for line in skipped]
     with opened_text(path) as file:
         blanks = dialect.separator == " "
-        rows = csv.reader((" ".join(line.split()) for line in file) if blanks else file, delimiter=dialect.separator)
+        single = (" ".join(bare(line, named=k == dialect.lines).split()) for k, line in enumerate(file))
+        rows = csv.reader(single if blanks else file, delimiter=dialect.separator)
         while True:
             first = rows.line_num + 1
             try:

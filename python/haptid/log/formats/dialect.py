@@ -15,6 +15,7 @@ from haptid.log.formats import headers
 from haptid.log.formats.dates import DATE
 from haptid.log.formats.encoding import encoding_of, opened_utf8
 from haptid.log.formats.headers import across, fitting_header, is_number, labview_header, numbered, two_levels
+from haptid.log.formats.lines import MATRIX_NAME
 from haptid.log.formats.sniff import empty, require
 from haptid.log.units import known_unit
 
@@ -27,6 +28,8 @@ _ROWS_TOGETHER = 3
 HEAD_BYTES = 2**20
 COMMENT = re.compile(r"\s*[#%]")
 _UNIT = re.compile(r"[\[(](?P<unit>[^\[\]()\d][^\[\]()]*)[\])]\s*$")
+# The name and the bracket before the first row of a matrix as MATLAB writes it.
+_OPENED = re.compile(rf"^(?:{MATRIX_NAME})?\[*")
 # Cells without a number, as pyarrow takes them.
 MISSING = frozenset({"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN"}) | {
     *("N/A", "NA", "NULL", "NaN", "n/a", "nan", "null")
@@ -197,13 +200,18 @@ def _unit(cell: str) -> str:
 def cells_of(text: str, separator: str) -> list[str]:
     """Cells of a line; none where one of them is too long for a number or a name."""
     if separator == " ":
-        text = " ".join(_bare(text).split())
+        text = " ".join(bare(text).split())
     with suppress(csv.Error):
         return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
     return []
 
 
-def _bare(text: str) -> str:
-    """A row of numbers without the brackets and the semicolon of a matrix as MATLAB writes it, `[ 0 1;`."""
-    inner = text.strip().lstrip("[").rstrip(";]")
+def bare(text: str, named: bool = True) -> str:
+    """A row of numbers without the brackets and the semicolon of a matrix as MATLAB writes it, `A = [ 0 1;`.
+
+    Args:
+        text: the row.
+        named: whether the matrix may have a name there, as before its first row.
+    """
+    inner = (_OPENED.sub("", text.strip()) if named else text.strip().lstrip("[")).rstrip(";]")
     return text if inner.strip("0123456789+-.eE \t") else inner

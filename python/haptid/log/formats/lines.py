@@ -13,6 +13,9 @@ BLOCK_BYTES = 2**19
 _RUNS, _EDGES = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 # Marks of a matrix that is written as MATLAB has it, `[ 0 1;`, around its rows.
 _MARKS = re.compile(rb"^ ?\[|[;\]]+(?= ?\r?$)", re.MULTILINE)
+# Name of such a matrix, before its first row: a further one with a name is another matrix.
+MATRIX_NAME = r"\s*[A-Za-z][\w.]*\s*=\s*(?=\[)"
+_NAME = re.compile(MATRIX_NAME.encode())
 
 
 class Part(io.RawIOBase):
@@ -58,7 +61,12 @@ class _Changed(io.RawIOBase):
 class Collapsed(_Changed):
     """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines, nor brackets."""
 
+    begun = False
+
     def change(self, block: bytes) -> bytes:
+        if not self.begun and (name := _NAME.match(block)):
+            block = block[name.end() :]
+        self.begun = True
         marks = any(mark in block for mark in (b"[", b"]", b";"))
         runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
         single = _RUNS.sub(b" ", block) if runs or marks else block

@@ -20,6 +20,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
 from haptid.log.formats.encoding import encoding_of, opened_text
 from haptid.log.formats.headers import is_number
+from haptid.log.formats.lines import MATRIX_NAME
 from haptid.log.formats.sniff import Budget, RawChannel, array_columns, array_names, opened_file
 from haptid.log.request import Request
 
@@ -32,6 +33,8 @@ _LIST = re.compile(
     r'"?(?:(?:np\.|numpy\.)?(?:array|tensor)\()?\[{1,2}(?P<numbers>[\s\d.,eE+\-naif]*)\]{1,2}\)?"?'
     r'|"\((?P<tuple>[\s\d.,eE+\-naif]*)\)"'
 )
+# The first row of a matrix as MATLAB writes it, whose rows end with semicolons.
+_MATRIX = re.compile(rf"(?:{MATRIX_NAME})?\s*\[[^\]]*$")
 # A list of names, and the column that has it.
 _NAMES, _QUOTED = re.compile(r"[\[(].*[\])]"), re.compile(r"'([^']*)'|\"([^\"]*)\"")
 _NAMING = re.compile(r"(?i)(?:^|[^a-z])names?$")
@@ -45,7 +48,7 @@ def is_rearranged(head: bytes) -> bool:
     text = head.decode(encoding_of(head), errors="replace")
     lines = [line for line in text.splitlines()[:-1] if line.strip() and not line.lstrip().startswith(("#", "%"))]
     lines = lines[: _ROWS + 1]
-    if len(lines) < _FEWEST_CYCLES + 1:
+    if len(lines) < _FEWEST_CYCLES + 1 or _MATRIX.match(lines[0]):
         return False
     header, found = _table(iter(lines))
     if len(header) < 2 or any(is_number(cell, ".") for cell in header):
