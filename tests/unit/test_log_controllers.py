@@ -62,6 +62,11 @@ def test_what_a_universal_robot_sends(tmp_path: Path) -> None:
     assert "torque" not in drafted(path, **motion)
 
 
+def test_the_output_of_another_controller_is_no_current(tmp_path: Path) -> None:
+    """Of whatever unit it is, it was drafted in A."""
+    assert "torque" not in drafted(tmp_path / "log.csv", t=T, q=Q, control_output=TAU / 99)
+
+
 def test_the_word_joint_alone_names_no_position_beside_what_is_none() -> None:
     names = ("joint_temperatures_1", "joint_mode_1", "joint_power_1", "joint_status_1", "joint_ratio_1")
     assert {quantity_of(name) for name in names} == {"other"}

@@ -52,8 +52,8 @@ COUNTED_WORDS = frozenset({"ticks", "counts", "count", "pulses"})
 _LETTERS = frozenset({"alpha", "beta", "gamma", "theta", "phi", "psi"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
-# What a controller puts out to a motor: a current in the tables of Universal Robots.
-_OUTPUT = frozenset({"control", "output"})
+# `joint_control_output` in the tables of Universal Robots, a current; outputs of other controllers are of any unit.
+_OUTPUT = frozenset({"joint", "control", "output"})
 # A command of nothing in particular stands for a torque.
 COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
 _TIME = frozenset({"t", "ts", "time", "times", "timestamp", "stamp", "date", "datetime", "sec", "secs", "seconds",
