@@ -58,6 +58,31 @@ def test_x_y_and_z_of_a_machine_are_its_joints(tmp_path: Path) -> None:
     assert tomllib.loads(survey(path).table)["channels"]["position"]["unit"] == "rad"
 
 
+@pytest.mark.parametrize("names", ["x_pos,y_pos,z_pos", "pos_x,pos_y,pos_z"])
+@pytest.mark.parametrize(
+    ("motors", "unit"),
+    [
+        ("x_current,y_current,z_current", "A"),
+        ("force_x,force_y,force_z,current_x,current_y,current_z", "A"),
+        ("voltage_x,voltage_y,voltage_z", "V"),
+        ("motor_torque_x,motor_torque_y,motor_torque_z", "N m"),
+        ("force_x,force_y,force_z", ""),
+        ("torque_x,torque_y,torque_z", ""),  # of a sensor at the hand
+    ],
+)
+def test_positions_beside_the_motors_of_the_same_letters_are_joints(
+    tmp_path: Path, names: str, motors: str, unit: str
+) -> None:
+    """Those of a gantry were taken for a point in space."""
+    path = tmp_path / "log.csv"
+    forces = [TAU, TAU + P, TAU - P, P, Q, TAU + Q][: len(motors.split(","))]
+    table = np.column_stack((T, Q, P, Q + P, *forces))
+    np.savetxt(path, table, delimiter=",", header=f"t,{names},{motors}", comments="")
+    channels = tomllib.loads(survey(path).table).get("channels", {})
+    assert channels.get("position", {}).get("channels", []) == (names.split(",") if unit else [])
+    assert channels.get("torque", {}).get("unit", "") == unit
+
+
 def test_joints_that_are_called_x_y_and_z_are_joints(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     table = np.column_stack((T, Q, P, Q + P, TAU, TAU + P, TAU - P))

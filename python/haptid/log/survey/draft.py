@@ -86,7 +86,9 @@ def channels_table(
     elif not any(family.known or family.of_axes for family in positions) and not (
         joints and (all(straight) or {joint[-1].lower() for joint in joints} == {*"xyz"})
     ):
-        return ""
+        torques = [family for family in torques if family.of_axes_motors]  # a force beside them is that of a point
+        if not torques:
+            return ""
     most = max((len(family.channels) for family in positions if family.rank[:2] == (True, True)), default=0)
     positions = [family for family in positions if family.rank[1] or len(family.channels) > most]  # no plan of these
     rates = [family.of(joints) for family in channel_families(topics, "velocity", joints)]

@@ -97,6 +97,12 @@ class ChannelFamily:
         return {"x", "y", "z"} in (ends, {head.lower() for head in self.heads})  # `pos_x`, `x_pos`
 
     @property
+    def of_axes_motors(self) -> bool:
+        """Whether the channels are currents or voltages, or are called motors', of x, y and z: none is of a point."""
+        driven = drive_unit(words_of(self.array)) or self.channels[0].unit in _DRIVE_UNITS
+        return self.of_a_point and bool(driven or all(words_of(c.name) & _OF_AXES for c in self.channels))
+
+    @property
     def of_axes(self) -> bool:
         """Whether the channels are called angles, or the axes, motors or encoders of a machine, of x, y and z too."""
         stated = all(c.reason.startswith(STATED) and c.unit in {*_ANGLES, "counts"} for c in self.channels)
