@@ -55,6 +55,25 @@ def test_gradients_of_limits_are_differences_of_the_excesses(name):
     assert np.quantile(np.abs(found - wanted) / np.abs(wanted).max(), 0.95) < 1e-5
 
 
+def test_an_infinite_end_of_a_range_is_never_violated_and_the_other_end_is():
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta, infinite = np.ones(len(model.base)), np.inf
+    position = ((0.0, infinite), (-infinite, 0.05), (-infinite, infinite))
+    bounds = MotionBounds.of(model, Limits(position, (0.5,)), beta)
+    states = states_of(model)
+    states[0] -= states[0].mean(axis=1, keepdims=True)
+    excesses = np.array([excess for excess, _ in bounds.by_sample(states)])
+    low, high = bounds.position.T[:, :, None]
+    np.testing.assert_array_equal(excesses[:3] > 0, (states[0] < low) | (states[0] > high))
+    assert (excesses[:2] > 0).any(axis=1).all()
+    rng, step = np.random.default_rng(2), 1e-6
+    weights, way = np.zeros_like(excesses), rng.normal(size=states.shape)
+    weights[:3] = rng.normal(size=(3, states.shape[2]))
+    ahead, behind = (np.array([e for e, _ in bounds.by_sample(states + s * way)])[:3] for s in (step, -step))
+    wanted = (weights[:3] * (ahead - behind)).sum(axis=0) / (2 * step)
+    np.testing.assert_allclose((bounds.gradients(states, weights) * way).sum(axis=(0, 1)), wanted, atol=1e-8)
+
+
 @pytest.mark.parametrize("criterion", [ScaledCondition(), RawCondition()], ids=lambda one: type(one).__name__)
 @pytest.mark.parametrize("name", DEVICES)
 def test_gradients_of_the_criterion_are_differences_of_the_cost(name, criterion):

@@ -191,6 +191,8 @@ class MotionBounds:
         np.abs(of_joints, out=of_joints)
         of_joints /= width
         of_joints -= middle
+        for j in self._endless:
+            of_joints[j] = _beyond(states[0, j], *self.position[j])
         couplings = (
             (_beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}")
             for c in self.limits.couplings
@@ -236,12 +238,19 @@ class MotionBounds:
     def _ranges(self) -> tuple[slice | np.ndarray, Array, Array, Array]:
         """Limits of the joints' states as ranges: which rows of them, middle, what a violation is relative to, and the
         distance from the middle at which it begins, relative to that, (k, 1)."""
-        many, (low, high) = len(self.names), self.position.T[:, :, None]
+        many, position = len(self.names), self.position.copy()
+        position[self._endless] = -1.0, 1.0  # no middle: see `violations`
+        low, high = position.T[:, :, None]
         kinds = [(np.arange(many), 0.5 * (low + high), high - low, np.full((many, 1), 0.5))]
         for s, most, joints, _ in self._rates:
             kinds.append((s * many + np.arange(many)[joints], np.zeros_like(most), most, np.ones_like(most)))
         rows, centre, width, middle = (np.concatenate(parts) for parts in zip(*kinds, strict=True))
         return slice(None) if len(rows) == 3 * many else rows, centre, width, middle
+
+    @cached_property
+    def _endless(self) -> list[int]:
+        """The active joints without a lowest or a highest position."""
+        return np.flatnonzero(~np.isfinite(self.position).all(axis=1)).tolist()
 
     @cached_property
     def _jerking(self) -> list[int]:
@@ -435,13 +444,21 @@ def _given(what: str, joint: str, value: T | None) -> T:
 
 
 def _beyond(x: Array, low: float | Array, high: float | Array) -> Array:
-    """Violation of a range, relative to its width."""
-    return np.asarray(np.maximum(low - x, x - high) / (high - low))
+    """Violation of a range, relative to its width, or to 1 rad or m where one end is infinite; -1 where both are."""
+    beyond = np.maximum(low - x, x - high) / _width(low, high)
+    return np.where(np.isneginf(beyond), -1.0, beyond)
 
 
 def _outwards(x: Array, low: float | Array, high: float | Array) -> Array:
     """Derivative of `_beyond` by x."""
-    return np.asarray(np.where(x - high > low - x, 1.0, -1.0) / (high - low))
+    above, below = x - high, low - x
+    sign = np.where(above > below, 1.0, -1.0) * np.isfinite(np.maximum(above, below))
+    return np.asarray(sign / _width(low, high))
+
+
+def _width(low: float | Array, high: float | Array) -> Array:
+    """What a violation of a range is relative to."""
+    return np.where(np.isfinite(low) & np.isfinite(high), np.subtract(high, low), 1.0)
 
 
 def _next(rest: Iterator[Array], many: int) -> Array:
