@@ -9,6 +9,7 @@ from scipy import stats
 import haptid
 from haptid import errors
 from haptid.device.priors import PriorBody
+from haptid.inference.payloads import links
 from haptid.inference.payloads.body import FIGURES, body_figures
 from haptid.inference.payloads.fit import rank_revealing
 from haptid.observation.observation import MotorRows
@@ -162,6 +163,20 @@ def test_a_mass_below_zero_is_no_body_and_no_other_link_is_named_for_one(model):
         (note,) = haptid.identify_payloads(model, loaded, [(unknown(link=said), bare)]).notes
         assert ("would be -0.8" in note and "below zero" in note) or "something else changed too" in note
         assert "better explained" not in note
+
+
+def test_halves_are_summed_once_and_no_mass_is_fitted_that_no_sentence_has(model, monkeypatch):
+    """Of each log two halves and the whole; a fit of all blocks for each link took nine times as long."""
+    summed, fits = [], []
+    monkeypatch.setattr(links, "_summed", lambda rows, own=links._summed: summed.append(rows) or own(rows))
+    fit = lambda rows, *rest, own=links.joint_fit: fits.append(rows[0].observation) or own(rows, *rest)  # noqa: E731
+    monkeypatch.setattr(links, "joint_fit", fit)
+    bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
+    for said, most in (("3", 0), ("2", 1)):
+        summed.clear(), fits.clear()
+        assert bool(haptid.identify_payloads(model, bare, [(unknown(link=said), loaded)]).notes) is (said == "2")
+        assert len(summed) == 6
+        assert sum(len(one.blocks) > 1 for one in fits) == most
 
 
 def test_a_right_link_is_seldom_doubted_under_friction_that_the_model_lacks(model):

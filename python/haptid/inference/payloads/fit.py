@@ -106,11 +106,14 @@ def joint_fit(loads: Sequence[LoadedRows], motors: Sequence[int], gains: Sequenc
     n = loads[0].M.shape[1]
     theta, weights = np.zeros(len(gains)), np.ones(len(motors))
     place = {motor: n + k for k, motor in enumerate(gains)}
-    x, moved = np.zeros(n), np.inf
+    x, moved, rows = np.zeros(n), np.inf, list[MotorRows]()
     for step in range(MOST_GAIN_STEPS):
         # The first passes have no gains: the step of a gain is linearised about parameters, which are zero before.
         free = place if step > 1 else {}
-        rows = [_linearised(loads, k, x, theta[place[k] - n] if k in place else 0.0, free.get(k), n) for k in motors]
+        if place or not rows:  # without gains the rows are the same in every pass
+            rows = [
+                _linearised(loads, k, x, theta[place[k] - n] if k in place else 0.0, free.get(k), n) for k in motors
+            ]
         solution, null, scale = rank_revealing(rows, weights, n + len(gains))
         x, change = solution.beta[:n], solution.beta[n:]
         moved = float(np.abs(change).max(initial=0.0))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -28,6 +28,19 @@ _FEWEST = 6
 _SIGNIFICANCE, _AS_WELL = 0.01, 0.05
 # Times as much of the load's effect that the better link takes away, or times less that it leaves over, at least.
 _CLEARLY = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Halves:
+    """Alternate blocks of each load: to be judged on, and as one block each, which is what a fit needs of them."""
+
+    blocks: list[tuple[Observation, Observation]]
+    summed: list[tuple[Observation, Observation]]
+
+    @staticmethod
+    def of(observations: Sequence[Observation]) -> _Halves:
+        blocks = [observation.alternate() for observation in observations]
+        return _Halves(blocks, [(_summed(even), _summed(odd)) for even, odd in blocks])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,28 +74,31 @@ class LinkTest:
             return ""
         found = {link: e for link in others if (e := self._errors(self._moved(load, link), load)) is not None}
         effect, limit = bare.sum() - own.sum(), _SIGNIFICANCE / (len(others) + 1)
+        mass = cache(lambda link: self._mass(load, link))
 
         def clearly(errors: Array) -> bool:
             more = bare.sum() - errors.sum() > _CLEARLY * max(effect, 0.0)
             return bool((more or own.sum() > _CLEARLY * errors.sum()) and _p(own - errors) < limit)
 
-        masses = {link: self._mass(load, link) for link in (body.link, *found)}
-        bodies = [link for link in found if not (m := masses[link]) or m[2] > 0]
-        best = min(bodies, key=lambda link: float(found[link].sum()), default="")
-        if best and clearly(found[best]):
-            alike = [link for link in bodies if link != best and _p(found[link] - found[best]) > _AS_WELL]
+        def of_body(link: str) -> bool:
+            return not (m := mass(link)) or m[2] > 0
+
+        ranked = sorted(found, key=lambda link: float(found[link].sum()))
+        best = next((link for link in ranked if clearly(found[link]) and of_body(link)), "")
+        if best:
+            alike = [
+                link for link in ranked if link != best and _p(found[link] - found[best]) > _AS_WELL and of_body(link)
+            ]
             share = max(100 * effect / (bare.sum() - found[best].sum()), 0.0)
-            mass = masses[best]
-            weighs = f" (mass {mass[0]:.3g} kg there)" if mass and mass[1] > 0 else ""
+            weighs = f" (mass {m[0]:.3g} kg there)" if (m := mass(best)) and m[1] > 0 else ""
             also = f"; one on {listed(alike)} does as well as on {best}" if alike else ""
             return (
                 f"Payload {body.name} is better explained on link {best}{weighs} than on {body.link}: of what a body "
                 f"on {best} explains of the load's effect on unseen rows, one on {body.link} explains {share:.2g} % "
-                f"and leaves over {own.sum() / found[best].sum():.2g} times as much"
-                f"{also}. Check `link`."
+                f"and leaves over {own.sum() / found[best].sum():.2g} times as much{also}. Check `link`."
             )
         free = self._errors(self._free(load, len(self.layout.embedding)), load, at_gains=True)
-        own_mass = masses[body.link]
+        own_mass = mass(body.link)
         if own_mass and own_mass[2] < 0:
             return (
                 f"The mass of payload {body.name} on link {body.link} would be {own_mass[0]:.3g} kg, below zero beyond "
@@ -98,8 +114,8 @@ class LinkTest:
         visible = own_mass is not None and _p(bare - own) < limit
         unlike = [
             f"{link} with {m[0]:.3g} kg"
-            for link in bodies
-            if visible and own_mass and (m := masses[link]) and _p(found[link] - own) > _AS_WELL
+            for link in found
+            if visible and own_mass and _p(found[link] - own) > _AS_WELL and (m := mass(link)) and m[2] > 0
             if not own_mass[1] <= m[0] <= own_mass[2]
         ]
         if not unlike:
@@ -110,8 +126,12 @@ class LinkTest:
         )
 
     @cached_property
-    def _halves(self) -> list[tuple[Observation, Observation]]:
-        return [observation.alternate() for observation in self.observations]
+    def _halves(self) -> _Halves:
+        return _Halves.of(self.observations)
+
+    @cached_property
+    def _halves_at_gains(self) -> _Halves:
+        return _Halves.of([self._at_gains(o) for o in self.observations]) if self.fit.gains else self._halves
 
     @cached_property
     def _weights(self) -> Array:
@@ -135,23 +155,19 @@ class LinkTest:
         bodies[load] = AttachedBody(body.name, link, mass=body.mass)
         return Layout.of(self.own, self.wide, self.layout.embedding, bodies, self.layout.shared)
 
-    def _rows(self, layout: Layout, observations: Sequence[Observation]) -> list[LoadedRows]:
-        return [LoadedRows(_summed(o), *layout.affine(k)) for k, o in enumerate(observations)]
-
     def _errors(self, layout: Layout, load: int, at_gains: bool = False) -> Array | None:
         """Weighted squared errors of a load's blocks, of which no fit has seen its own, (blocks,); None without a fit.
 
         Args:
             at_gains: whether the gains are those of the fit, where no known mass tells them.
         """
-        gains = () if at_gains else self.fit.gains
+        gains, halves = ((), self._halves_at_gains) if at_gains else (self.fit.gains, self._halves)
         errors = np.empty(len(self.observations[load + 1].blocks))
         for own in (0, 1):
-            seen = [self._at_gains(half[own]) if at_gains else half[own] for half in self._halves]
-            unseen = self._halves[load + 1][1 - own]
-            unseen = self._at_gains(unseen) if at_gains else unseen
+            unseen = halves.blocks[load + 1][1 - own]
+            rows = [LoadedRows(half[own], *layout.affine(k)) for k, half in enumerate(halves.summed)]
             try:
-                fit = joint_fit(self._rows(layout, seen), self.fit.motors, gains)
+                fit = joint_fit(rows, self.fit.motors, gains)
             except ConvergenceError:
                 return None
             M, m = layout.affine(load + 1)
@@ -175,9 +191,11 @@ class LinkTest:
         """Mass of a payload on a link and its 95 % interval, kg; None where it is given, or not determined."""
         if self.bodies[load].mass is not None:
             return None
-        layout = self.layout if link == self.bodies[load].link else self._moved(load, link)
-        rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(self.observations)]
-        fit = joint_fit(rows, self.fit.motors, self.fit.gains)
+        layout, fit = self.layout, self.fit
+        if link != self.bodies[load].link:
+            layout = self._moved(load, link)
+            rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(self.observations)]
+            fit = joint_fit(rows, self.fit.motors, self.fit.gains)
         columns, offset, basis = layout.columns(load)
         way = np.zeros((1, len(fit.scale)))
         way[0, columns] = basis[9]
