@@ -179,6 +179,18 @@ def test_halves_are_summed_once_and_no_mass_is_fitted_that_no_sentence_has(model
         assert sum(len(one.blocks) > 1 for one in fits) == most
 
 
+def test_a_link_whose_fit_does_not_converge_ends_no_identification(model, monkeypatch):
+    def fit(rows, *rest, own=links.joint_fit):
+        if len(rows[0].observation.blocks) > 1:
+            raise errors.ConvergenceError("the drive gains still change.")
+        return own(rows, *rest)
+
+    monkeypatch.setattr(links, "joint_fit", fit)
+    bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
+    (note,) = haptid.identify_payloads(model, bare, [(unknown(link="2"), loaded)]).notes
+    assert note.startswith("Payload tool is better explained on link 3 than on 2")
+
+
 def test_a_right_link_is_seldom_doubted_under_friction_that_the_model_lacks(model):
     """Beside friction in proportion to the torque, and ripple, of which the rows of both logs have other parts."""
     doubted = 0

@@ -188,14 +188,18 @@ class LinkTest:
         return replace(observation, motors=tuple(motors))
 
     def _mass(self, load: int, link: str) -> tuple[float, float, float] | None:
-        """Mass of a payload on a link and its 95 % interval, kg; None where it is given, or not determined."""
+        """Mass of a payload on a link and its 95 % interval, kg; None where it is given, not determined, or without a
+        fit."""
         if self.bodies[load].mass is not None:
             return None
         layout, fit = self.layout, self.fit
         if link != self.bodies[load].link:
             layout = self._moved(load, link)
             rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(self.observations)]
-            fit = joint_fit(rows, self.fit.motors, self.fit.gains)
+            try:
+                fit = joint_fit(rows, self.fit.motors, self.fit.gains)
+            except ConvergenceError:
+                return None
         columns, offset, basis = layout.columns(load)
         way = np.zeros((1, len(fit.scale)))
         way[0, columns] = basis[9]
