@@ -1,5 +1,6 @@
 """Payloads and drive gains are recovered from logs without and with them, inside their own intervals."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -189,6 +190,37 @@ def test_a_link_whose_fit_does_not_converge_ends_no_identification(model, monkey
     bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
     (note,) = haptid.identify_payloads(model, bare, [(unknown(link="2"), loaded)]).notes
     assert note.startswith("Payload tool is better explained on link 3 than on 2")
+
+
+@pytest.mark.parametrize(
+    ("bare", "own", "other", "mass", "named"),
+    [(10, 5, 1, 0.02, True), (10, 5, 1, -0.02, False), (10, 20, 12, 0.02, False), (10, 20, 5, 0.02, True)],
+)
+def test_a_link_is_named_for_a_mass_above_zero_that_leaves_less_than_no_body(
+    model, monkeypatch, bare, own, other, mass, named
+):
+    """What one block leaves over with no body, on the link that is said, and on the others; mass +-0.05 kg there."""
+
+    def left_over(test, layout, load, at_gains=False):
+        size = own if layout is test.layout else other
+        if at_gains:
+            size = own if layout.bases[load].shape[1] else bare
+        return size * np.linspace(0.95, 1.05, len(test.observations[load + 1].blocks))
+
+    monkeypatch.setattr(links.LinkTest, "_errors", left_over)
+    monkeypatch.setattr(links.LinkTest, "_mass", lambda *_: (mass, mass - 0.05, mass + 0.05))
+    logs = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
+    notes = haptid.identify_payloads(model, logs[0], [(unknown(), logs[1])]).notes
+    assert any("better explained" in note for note in notes) is named
+    for share in re.findall(r"explains (\S+) %", " ".join(notes)):
+        assert 0 <= float(share) < 100
+
+
+def test_without_noise_what_is_left_is_said_to_be_nothing(model):
+    bare, loaded = recorded(model, None, 2, 0.0, seconds=16.0), recorded(model, LOAD, 3, 0.0, seconds=16.0)
+    (note,) = haptid.identify_payloads(model, bare, [(unknown(link="2"), loaded)]).notes
+    assert "leaves over much, one on 3 nearly nothing. Check" in note
+    assert haptid.identify_payloads(model, bare, [(unknown(link="3"), loaded)]).notes == ()
 
 
 def test_a_right_link_is_seldom_doubted_under_friction_that_the_model_lacks(model):

@@ -28,6 +28,8 @@ _FEWEST = 6
 _SIGNIFICANCE, _AS_WELL = 0.01, 0.05
 # Times as much of the load's effect that the better link takes away, or times less that it leaves over, at least.
 _CLEARLY = 1.25
+# Share of the load's squared effect that counts as nothing left: a thousandth of its torque.
+_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +76,18 @@ class LinkTest:
             return ""
         found = {link: e for link in others if (e := self._errors(self._moved(load, link), load)) is not None}
         effect, limit = bare.sum() - own.sum(), _SIGNIFICANCE / (len(others) + 1)
+        # What is left below this is nothing: how many times more the other leaves over is rounding.
+        nothing = _NOTHING * bare.sum()
         mass = cache(lambda link: self._mass(load, link))
 
         def clearly(errors: Array) -> bool:
             more = bare.sum() - errors.sum() > _CLEARLY * max(effect, 0.0)
-            return bool((more or own.sum() > _CLEARLY * errors.sum()) and _p(own - errors) < limit)
+            less = own.sum() > _CLEARLY * max(errors.sum(), nothing)
+            explains = errors.sum() < bare.sum() and _p(bare - errors) < limit
+            return bool((more or less) and explains and _p(own - errors) < limit)
 
         def of_body(link: str) -> bool:
-            return not (m := mass(link)) or m[2] > 0
+            return not (m := mass(link)) or m[0] > 0
 
         ranked = sorted(found, key=lambda link: float(found[link].sum()))
         best = next((link for link in ranked if clearly(found[link]) and of_body(link)), "")
@@ -89,13 +95,14 @@ class LinkTest:
             alike = [
                 link for link in ranked if link != best and _p(found[link] - found[best]) > _AS_WELL and of_body(link)
             ]
-            share = max(100 * effect / (bare.sum() - found[best].sum()), 0.0)
+            share, rest = max(100 * effect / (bare.sum() - found[best].sum()), 0.0), found[best].sum()
+            times = f"{own.sum() / rest:.2g} times as much" if rest > nothing else f"much, one on {best} nearly nothing"
             weighs = f" (mass {m[0]:.3g} kg there)" if (m := mass(best)) and m[1] > 0 else ""
             also = f"; one on {listed(alike)} does as well as on {best}" if alike else ""
             return (
                 f"Payload {body.name} is better explained on link {best}{weighs} than on {body.link}: of what a body "
                 f"on {best} explains of the load's effect on unseen rows, one on {body.link} explains {share:.2g} % "
-                f"and leaves over {own.sum() / found[best].sum():.2g} times as much{also}. Check `link`."
+                f"and leaves over {times}{also}. Check `link`."
             )
         free = self._errors(self._free(load, len(self.layout.embedding)), load, at_gains=True)
         own_mass = mass(body.link)
@@ -115,7 +122,7 @@ class LinkTest:
         unlike = [
             f"{link} with {m[0]:.3g} kg"
             for link in found
-            if visible and own_mass and _p(found[link] - own) > _AS_WELL and (m := mass(link)) and m[2] > 0
+            if visible and own_mass and _p(found[link] - own) > _AS_WELL and (m := mass(link)) and m[0] > 0
             if not own_mass[1] <= m[0] <= own_mass[2]
         ]
         if not unlike:
