@@ -33,7 +33,7 @@ from haptid.inference.payloads.body import FIGURE_UNITS, FIGURES, AttachedBody, 
 from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, PayloadIdentification
 from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
-from haptid.inference.payloads.links import LinkTest, links_of
+from haptid.inference.payloads.links import LinkTest, body_links
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, concatenated, observe
@@ -87,7 +87,7 @@ def identify_payloads(
     _check(model, bare_data, load_data, gains)
     static = any(isinstance(recording, Poses) for recording in bare_data)
     own = static_model(model) if static else model
-    carrying = {body.link for body in bodies} | {*links_of(model)}
+    carrying = {body.link for body in bodies} | {*body_links(model)}
     wide = payload_model(model, sorted(carrying, key=model.device.joint_names.index))
     wide = static_model(wide) if static else wide
     to_wide = embedding(own, wide)

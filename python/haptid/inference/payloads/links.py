@@ -67,7 +67,7 @@ class LinkTest:
     def note(self, load: int) -> str:
         """A sentence on the link of a payload, by number; empty where nothing speaks against it."""
         body = self.bodies[load]
-        others = [link for link in links_of(self.wide) if link != body.link]
+        others = [link for link in body_links(self.wide) if link != body.link]
         if len(self.observations[load + 1].blocks) < _FEWEST or not others:
             return ""
         bare = self._errors(self._free(load, 0), load, at_gains=True)
@@ -217,7 +217,7 @@ class LinkTest:
         return mass, float(low), float(high)
 
 
-def links_of(model: DynamicModel) -> list[str]:
+def body_links(model: DynamicModel) -> list[str]:
     """Links that have a body, by the names of their joints."""
     return [joint.name for joint in model.device.joints if joint.body]
 
