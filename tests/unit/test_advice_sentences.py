@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +17,8 @@ from diagnosed import phantom
 from haptid.advice import apply
 from haptid.advice.action import CHANGES, MASKS, Action, Advice, told_apart
 from haptid.advice.advise import _travel_unit, advise
-from haptid.advice.edits import Edit
+from haptid.advice.contact import kind_of
+from haptid.advice.edits import Edit, _free_name
 from haptid.advice.recorder import faults
 from haptid.advice.search import _masks, search_of
 from haptid.study.identify import identify
@@ -278,3 +280,37 @@ def test_the_study_itself_is_not_overwritten(tmp_path: Path) -> None:
         apply.apply_advice(proposed(Edit("study", "set", ("estimate", "use"), "auto")), found, tmp_path)
     assert path.read_text() == before
     assert {one.name for one in tmp_path.iterdir()} >= {"study.toml", "device.toml", "log.csv"}
+
+
+def of_rows(t, velocity, log) -> SimpleNamespace:
+    return SimpleNamespace(t=np.asarray(t), velocity=np.asarray(velocity), log=np.asarray(log))
+
+
+def test_a_joint_that_is_held_does_not_hide_that_the_others_stand() -> None:
+    """Zero is not below a share of zero, and noise is not below a share of itself: a hand was said to touch the arm."""
+    t = np.arange(0.0, 6.0, 0.02)
+    moves = np.where(t < 1.0, 0.0, np.sin(2 * np.pi * (t - 1.0)))
+    noise = 1e-4 * np.random.default_rng(0).normal(size=t.size)
+    for held in (np.zeros_like(t), noise):
+        rows = of_rows(t, [moves, held], np.zeros(t.size, dtype=int))
+        assert kind_of(rows, (t > 0.98) & (t < 1.6)) == "start"
+        assert kind_of(rows, t < 0.9) == "rest"
+        assert kind_of(rows, (t > 3.3) & (t < 3.9)) == "contact"
+
+
+def test_a_part_of_another_log_is_judged_by_that_log() -> None:
+    """Times begin anew in each log, and the verdict of the log before was carried on."""
+    t = np.tile(np.arange(0.0, 6.0, 0.02), 2)
+    log = np.repeat([0, 1], t.size // 2)
+    moves = np.where((log == 0) & (t < 1.0), 0.0, np.sin(2 * np.pi * (t - 1.0) + 0.5))
+    sets_off = (log == 0) & (t > 0.98) & (t < 1.5)
+    touched = (log == 1) & (t > 0.5) & (t < 2.5)
+    assert kind_of(of_rows(t, [moves], log), sets_off | touched) == "contact"
+    assert kind_of(of_rows(t, [moves], log), sets_off) == "start"
+
+
+def test_a_column_is_named_beside_one_that_has_its_name() -> None:
+    """Degressive friction of a second velocity was written as FD_1 again, which no device can have."""
+    device = SimpleNamespace(parameters=SimpleNamespace(names=("FC1", "FD_1", "FD2_1")))
+    assert _free_name(device, "FD", "1") == "FD3_1"
+    assert _free_name(device, "FD", "2") == "FD_2"
