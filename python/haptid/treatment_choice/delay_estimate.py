@@ -118,8 +118,7 @@ class Delays:
     @property
     def setting(self) -> float | tuple[float, ...]:
         """`Treatment.torque_delay_s`: one value where all channels have the same."""
-        values = tuple(float(f"{value:.4g}") for value in self.seconds)
-        return values[0] if len(set(values)) == 1 else values
+        return delay_setting(self.seconds)
 
     @property
     def sentence(self) -> str:
@@ -173,9 +172,8 @@ def find_delays(
     """
     dt, channels = max(float(log.dt) for log in logs), logs[0].torque.shape[1]
     samples = sum(len(log.t) for log in logs)
-    hold = HOLD if logs[0].channels.torque.side == "motor" else 0.0
     prior = delay_prior(channels, dt)
-    mean = np.full(channels, hold * dt)
+    mean = np.full(channels, usual_delay(logs))
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     rows = _Search(model, motions, (mean, prior), _NOISE * bandwidth_hz)
@@ -399,6 +397,17 @@ class _Search:
                 break
             d = d + np.clip(step, -COMMON * dt, COMMON * dt)
         return _Found(d, beta, problem, spread) if left < before else found
+
+
+def delay_setting(seconds: Array) -> float | tuple[float, ...]:
+    """`Treatment.torque_delay_s` of delays, (channels,), s: one value where all channels have the same."""
+    values = tuple(float(f"{value:.4g}") for value in seconds)
+    return values[0] if len(set(values)) == 1 else values
+
+
+def usual_delay(logs: Sequence[Log]) -> float:
+    """Delay of torques that are commanded from sample to sample, s; none of measured joint torques."""
+    return HOLD * max(float(log.dt) for log in logs) if logs[0].channels.torque.side == "motor" else 0.0
 
 
 def delay_prior(channels: int, dt: float, common: float = COMMON) -> Array:

@@ -33,9 +33,10 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
+from haptid.treatment_choice.delay_estimate import usual_delay
 from haptid.treatment_choice.elasticity import expect_stiffness_of_motors, hidden_stiffness, noise_of_stiffness
 from haptid.treatment_choice.motion_filters import MotionFilters
-from haptid.treatment_choice.motor_delays import motor_delays, usual_delay
+from haptid.treatment_choice.motor_delays import motor_delays
 from haptid.treatment_choice.propose import TRIED, Proposal, propose
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
@@ -178,7 +179,7 @@ def _with_delays(model: DynamicModel, logs: Sequence[Log], found: Estimate) -> E
 def _proposed(rigid: DynamicModel, logs: Sequence[Log], given: Mapping[str, Any]) -> Proposal:
     """Proposed treatment for the rows of motors whose links are simulated: filters of elastic devices."""
     # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated with the spring.
-    settings = {"torque_delay_s": usual_delay(logs[0]), **given}
+    settings = {"torque_delay_s": usual_delay(logs), **given}
     proposal = propose(rigid, *logs, **settings)
     if not {"parallel_cutoff_hz", "cutoff_hz", "decimation"}.isdisjoint(given):
         return proposal

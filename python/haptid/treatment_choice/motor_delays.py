@@ -15,8 +15,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.estimation import WLS, Estimate
 from haptid.estimation.methods.motor_side import MotorFit
-from haptid.log import Log
-from haptid.treatment_choice.delay_estimate import HOLD, delay_prior, likely_delays
+from haptid.treatment_choice.delay_estimate import delay_prior, delay_setting, likely_delays, usual_delay
 
 # Changes of the delays that are negligible, samples and standard errors.
 _STILL, _SMALL = 0.005, 0.1
@@ -45,19 +44,13 @@ class MotorDelays:
     @property
     def setting(self) -> float | tuple[float, ...]:
         """`Treatment.torque_delay_s`."""
-        values = tuple(float(f"{value:.4g}") for value in self.seconds)
-        return values[0] if len(set(values)) == 1 else values
+        return delay_setting(self.seconds)
 
     @property
     def sentence(self) -> str:
         """The delays as text."""
         ms, se = (", ".join(f"{1e3 * x:.3f}" for x in own) for own in (self.seconds, np.sqrt(np.diag(self.covariance))))
         return f"The delay of the torque was estimated with the parameters: {ms} ms (standard error {se} ms)."
-
-
-def usual_delay(log: Log) -> float:
-    """Delay of a torque that is commanded from sample to sample, s; none of a measured joint torque."""
-    return HOLD * float(log.dt) if log.channels.torque.side == "motor" else 0.0
 
 
 def motor_delays(fitted: Estimate) -> MotorDelays:
@@ -76,7 +69,7 @@ def motor_delays(fitted: Estimate) -> MotorDelays:
     # Rows count as many as are independent: as many as make the variance of the parameters that of their blocks.
     memory = max(1.0, float(np.mean(np.sum((s[:, :p] @ root) ** 2, axis=0) / np.diag(root))))
     logs = [motion.log for motion in fitted.observation.motions if motion.log is not None]
-    dt, mean = max(float(log.dt) for log in logs), usual_delay(logs[0])
+    dt, mean = max(float(log.dt) for log in logs), usual_delay(logs)
     now = np.broadcast_to(fitted.observation.motions[0].treatment.torque_delay_s, (channels,))
     known = np.linalg.inv(delay_prior(channels, dt))
     spread = np.linalg.inv((total[p:, p:] + total[p:, :p] @ by_delay) / memory + known)
