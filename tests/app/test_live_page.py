@@ -134,8 +134,9 @@ def test_a_wrong_beginning_leaves_nothing(bench, wrong):
     assert sorted(os.listdir(bench.folder / "logs")) == before
     for call in ("stop", "hold"):
         assert bench.ask("POST", f"/api/live/{call}", {"held": "true"})[0] == 400
-    assert bench.ask("GET", "/api/live/rows?since=0")[0] == 400
-    assert bench.ask("GET", "/api/live/samples?since=0")[0] == 404
+    assert bench.ask("GET", "/api/live/state?since=0") == (200, {"running": False})
+    assert bench.raw("GET", "/api/live/samples?since=0", cookie=bench.cookie).status == 204
+    assert bench.raw("GET", "/api/live/samples?since=-1", cookie=bench.cookie).status == 404
 
 
 @needs_browser
@@ -172,6 +173,41 @@ def test_a_device_is_identified_while_it_moves(stopped, tab, tmp_path):
     pauses = np.flatnonzero(np.diff(made[:, 0]) > 0.5)
     np.testing.assert_array_equal(pauses, len(first) * np.arange(1, len(pauses) + 1) - 1)
     tab.go(f"{bench.origin}/", LAPTOP)  # the page may still ask for parts of the log
+    (bench.folder / "logs" / "live.csv").unlink()
+
+
+@needs_browser
+def test_a_recording_may_end_at_any_time(stopped, tab):
+    """While the page that ends it has asked for samples, and while another one looks on: nobody meets an error."""
+    bench = stopped
+    bench.ask("POST", "/api/live/start", BEGIN | {"play": "logs/sweep.csv"})
+    with tab.another() as other:
+        for page in (tab, other):
+            page.go(f"{bench.origin}/live", LAPTOP)
+            page.wait("document.querySelectorAll('#live-parameters tbody tr').length === 10")
+        tab.call("Page.bringToFront")
+        # A question of this page is held back until the recording has ended.
+        tab.ask(
+            """(() => { const real = window.fetch; let over; const ended = new Promise((done) => { over = done; });
+            window.fetch = async (address, settings) => {
+                if (!String(address).includes('live/stop')) {
+                    document.body.dataset.held = '1';
+                    await ended;
+                    return real(address, settings);
+                }
+                const answer = await real(address, settings);
+                over();
+                await new Promise((done) => setTimeout(done, 300));
+                return answer;
+            }; })()"""
+        )
+        tab.wait("document.body.dataset.held === '1'")
+        tab.ask("[...document.querySelectorAll('button')].find((b) => b.textContent === 'End the recording').click()")
+        tab.wait("location.pathname === '/data' && document.querySelector('#plots')?.dataset.drawn")
+        other.call("Page.bringToFront")
+        other.wait("document.querySelector('form button')?.textContent === 'Begin'")
+        assert other.troubles == []
+    tab.go(f"{bench.origin}/", LAPTOP)
     (bench.folder / "logs" / "live.csv").unlink()
 
 

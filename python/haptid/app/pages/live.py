@@ -15,6 +15,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptid._internal.numerals import whole_number
 from haptid.app.answers import Asked
+from haptid.app.recording import LiveRecording
 from haptid.app.session import PageCalls, Session
 from haptid.app.workspace import LOGS, STUDIES
 from haptid.errors import WorkbenchError
@@ -41,17 +42,20 @@ def _stop(session: Session, _asked: Asked) -> dict[str, Any]:
     return session.live.stop()
 
 
-def _state(session: Session, _asked: Asked) -> dict[str, Any]:
-    """The recording that runs, if one does."""
-    made = session.live.recording
-    return {"running": made is not None, **(made.to_json() if made else {})}
+def _state(session: Session, asked: Asked) -> dict[str, Any]:
+    """The recording that runs, if one does, with its treated rows after a time where one is asked for."""
+    made, since = session.live.recording, asked.text("since", "")
+    if made is None:
+        return {"running": False}
+    rows = {"new": _rows(made, _number("since", since, -1e12, 1e12))} if since else {}
+    return {"running": True, **made.to_json(), **rows}
 
 
-def _rows(session: Session, asked: Asked) -> dict[str, Any]:
+def _rows(made: LiveRecording, since: float) -> dict[str, Any]:
     """Treated torques after a time: measured, predicted, and the force of the hand with a model that is held."""
     import numpy as np
 
-    found = session.live.running().analysis.rows_since(_number("since", asked.text("since"), -1e12, 1e12))
+    found = made.analysis.rows_since(since)
     if not found:
         return {"t": [], "measured": [], "predicted": [], "force": None}
     measured, predicted = (
@@ -74,11 +78,13 @@ def _hold(session: Session, asked: Asked) -> dict[str, Any]:
 
 
 def _samples(session: Session, request: HttpRequest) -> Response:
-    """Samples for drawing, after one that the page has."""
+    """Samples for drawing, after one that the page has; no content where the recording has ended."""
     made = session.live.recording
     since = whole_number(request.query_params.get("since", "0"), 15)
-    if made is None or since is None:
-        return Response("There is no recording.\n", 404)
+    if since is None:
+        return Response("There is no such sample.\n", 404)
+    if made is None:
+        return Response(status_code=204)
     first, rows = made.since(since)
     head = json.dumps({"first": first, "rows": len(rows), "next": first + len(rows)}).encode()
     head += b" " * (-(4 + len(head)) % 8)
@@ -122,7 +128,7 @@ def _streams(session: Session) -> list[BaseRoute]:
 
 
 LIVE_CALLS = PageCalls(
-    reads={"live/state": _state, "live/rows": _rows},
+    reads={"live/state": _state},
     changes={"live/start": _start, "live/stop": _stop, "live/hold": _hold},
     streams=_streams,
 )

@@ -96,6 +96,7 @@ class Watching {
     try {
       const answer = await reached(`/api/live/samples?since=${this.next}`, { signal: AbortSignal.timeout(PATIENCE_MS) });
       if (!answer.ok) await answered(answer);
+      if (answer.status === 204) return this.ended();
       const buffer = await answer.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
       const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size))), begin = 4 + size, n = head.rows;
       if (n) {
@@ -106,10 +107,10 @@ class Watching {
       const now = performance.now();
       if (now - (this.asked ?? 0) > STATE_MS) {
         this.asked = now;
-        await this.rows();
-        const state = await call("live/state", {}, "GET", PATIENCE_MS);
+        const state = await call("live/state", { since: this.rowsSince }, "GET", PATIENCE_MS);
+        if (!state.running) return this.ended();
         if (this.over) return;
-        if (!state.running) { location.href = "/live"; return; }
+        this.rows(state.new);
         this.told(state);
       }
     } catch (error) {
@@ -118,8 +119,7 @@ class Watching {
     if (!this.over) this.timer = setTimeout(() => this.look(), this.calm ? CALM_MS : FRAME_MS);
   }
 
-  async rows() {
-    const found = await call("live/rows", { since: this.rowsSince }, "GET", PATIENCE_MS);
+  rows(found) {
     if (!found.t.length) return;
     const ys = found.measured.flatMap((m, k) => [Float32Array.from(m), Float32Array.from(found.predicted[k])]);
     this.torques.append(Float64Array.from(found.t), ys);
@@ -161,6 +161,11 @@ class Watching {
       return [p.name, to(p.value), `${to(low)} .. ${to(high)}`, p.unit];
     });
     if (rows.length) table(this.parameters, ["parameter", "value", "95 % interval", "unit"], rows);
+  }
+
+  // By another page, or by this one, which goes on to the log itself.
+  ended() {
+    if (!this.over) location.href = "/live";
   }
 
   async end() {
