@@ -299,11 +299,12 @@ class _Search:
         Args:
             d, beta: to begin with.
             near: whether the delays to begin with were found before.
-            whitening: of the rows in time; they stay as they are where None.
+            whitening: of the rows in time, whose columns are then rates of the torque's smooth part; they stay as they
+                are where None.
         """
         (mean, covariance), dt, memory = self.prior, self.motions[0].dt, None
         for k in range(_STEPS):
-            problem = replace(self._at(d, beta), known_memory=memory)
+            problem = replace(self._at(d, beta, smooth=whitening is not None), known_memory=memory)
             beta, step, spread = (problem.whitened(whitening) if whitening else problem).solve(mean - d, covariance)
             # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
             memory = problem.memory if whitening is None and (k or near) else None
@@ -320,10 +321,11 @@ class _Search:
 
         Under a drift of the torque the residual's memory is long, few rows count as independent, and the prior decides,
         although what goes with the motion is seen above the drift. Whitened rows show it. They are sensitive to what is
-        above the motion, too: in a loop that feeds disturbances back they are wrong. So they are taken only where the
-        ordinary rows leave the delays to the prior, where both agree and the whitened ones are much surer, and where
-        the torque has no part in proportion to its second rate: a delay leaves none, feedback, a filter or friction
-        that the model lacks does.
+        above the motion, too: in a loop that feeds disturbances back they are wrong. So they are taken only where both
+        agree and the whitened ones are much surer, and where the torque has no part in proportion to its second rate: a
+        delay leaves none, feedback, a filter or friction that the model lacks does. The jumps of dry friction, which a
+        small change of the delay moves by a sample or not at all, tell whitened rows most, and wrongly: delays are
+        those of the smooth part of the torque.
 
         Args:
             found: by the ordinary rows.
@@ -331,7 +333,7 @@ class _Search:
         d, beta, problem, spread, _ = found
         dt, se = self.motions[0].dt, _se(spread)
         rows = problem.memory / (self.motions[0].treatment.decimation * dt)
-        if rows < _DRIFTS or se.min() < HOLD * dt:
+        if rows < _DRIFTS:
             return None
         whitening = problem.whitening
         white = self.steps(d, beta, whitening=whitening)
