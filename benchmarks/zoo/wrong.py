@@ -44,12 +44,14 @@ CAUSES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[float, float]]] 
         ("axis", "pendulum", "arm2", "arm3", "phantom"),
         (0.5, 0.9),
     ),
+    "warming": (("drift",), ("axis", "pendulum", "arm2", "arm3", "phantom"), (0.1, 0.4)),
+    "wandering offset": (("drift",), ("axis", "pendulum", "arm2", "arm3", "phantom"), (0.05, 0.15)),
 }
 # Devices on which each cause is made.
 DEVICES_EACH = 3
 # Waves of a ripple in a turn; Stribeck velocity and that by which degressive friction rises, over the rms speed;
-# episodes of a contact and of a stuck position.
-WAVES, SPEED, RISES, EPISODES = 18, 0.2, 0.4, 25
+# episodes of a contact and of a stuck position; steps of a random walk.
+WAVES, SPEED, RISES, EPISODES, KNOTS = 18, 0.2, 0.4, 25, 400
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,14 @@ class WrongPlant(Plant):
                 made[k] = np.sqrt(2) * size * typical[k] * np.sin(WAVES * c[k])
             case "drift":
                 made = size * typical[:, None] * (share - 0.5) * sign
+            case "warming":  # less friction, with a time constant of a tenth to a half of the log
+                left = np.exp(-share / self.case.random("warm").uniform(0.1, 0.5))
+                made = size * typical[:, None] * left * (sign + cd / self.speed[:, None])
+            case "wandering offset":
+                steps = self.case.random("offset").normal(size=(len(c), KNOTS))
+                walk = np.cumsum(steps, axis=1) / np.sqrt(KNOTS)
+                knots = np.linspace(0, 1, KNOTS)
+                made = size * typical[:, None] * np.stack([np.interp(share, knots, one) for one in walk])
             case "contact":
                 for start in (0.15, 0.45, 0.75):
                     inside = (share > start) & (share < start + 0.06)

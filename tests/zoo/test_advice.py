@@ -30,11 +30,14 @@ from zoo.wrong import WrongPlant, identified, written
 ARM = Case(1, "arm2", 250, 16, 1.2, 3, bits=16, friction=0.3, level=0.01)
 ARM3 = Case(2, "arm3", 250, 20, 0.8, 3, bits=16, friction=0.3, level=0.01)
 AXIS = Case(2, "axis", 250, 12, 1.5, 4, bits=16, friction=0.3, level=0.01)
+PENDULUM = Case(1, "pendulum", 200, 24, 1.0, 3, bits=16, friction=0.3, level=0.01)
 WRONG = {
     "stribeck": AXIS,
     "spring": AXIS,
     "ripple": AXIS,
     "drift": AXIS,
+    "warming": PENDULUM,
+    "wandering offset": PENDULUM,
     "contact": ARM,
     "torque swap": ARM,
     "position sign": ARM,

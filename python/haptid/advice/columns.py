@@ -46,6 +46,18 @@ _GEOMETRY = {
     "placement": {},
 }
 
+# Half waves of a drift's course in the log, at most.
+_SLOW = 4
+
+
+def _slow(share: Array) -> Array:
+    """A course that is nothing but slow, by shares of the log's time."""
+    return np.asarray(np.cos(np.pi * np.arange(1, _SLOW + 1)[:, None] * share))
+
+
+# Courses of what gets warm: steadily, and with a time constant of a fifth of the log.
+_COURSES: tuple[Callable[[Array], Array], ...] = (lambda share: share[None], lambda share: np.exp(-5 * share)[None])
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -208,14 +220,25 @@ def channels(model: DynamicModel, torques: TorqueChannels, middle: float, half: 
         def rate(context: ResidualContext, r: int = row) -> Array:
             return np.asarray(np.gradient(context.predicted[r], context.plan.motion.dt)[None])
 
-        def drift(context: ResidualContext, r: int = row) -> Array:
-            t = (context.plan.motion.times(np.arange(context.low, context.high)) - middle) / half
-            cd = context.motion[1][r]
-            return np.stack([t, t * np.sign(cd)])
-
         if torques.of(k) is not None:
             yield Source("time shift", label, k, (Column(rate, own),))
-        yield Source("drift", label, k, (Column(drift, own),))
+        courses = [(shape, slice(None)) for shape in _COURSES] + [(_slow, slice(1)), (_slow, slice(1, None))]
+        drifts = (_drift(row, shape, parts, middle, half) for shape, parts in courses)
+        yield Source("drift", label, k, tuple(Column(values, own) for values in drifts))
+
+
+def _drift(
+    row: int, shape: Callable[[Array], Array], parts: slice, middle: float, half: float
+) -> Callable[[ResidualContext], Array]:
+    """Some of a row's offset, dry and viscous friction, each with courses in time."""
+
+    def values(context: ResidualContext) -> Array:
+        t = context.plan.motion.times(np.arange(context.low, context.high))
+        cd, course = context.motion[1][row], shape(0.5 + 0.5 * (t - middle) / half)
+        made = np.stack([np.ones_like(cd), np.sign(cd), cd])[parts]
+        return np.concatenate([course * one for one in made])
+
+    return values
 
 
 def clipped_channels(model: DynamicModel, torques: TorqueChannels, found: Sequence[ChannelFault]) -> Iterator[Source]:

@@ -44,9 +44,10 @@ _OF_A_JOINT = ("coulomb", "viscous", "spring")
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
 DEAD_ERROR = 0.15
-# Where no other passage has the states of a contact: power of its residual over the usual one, at least, and share of
-# the squared error that a term explains where it is none.
-_CLEAR, _EXPLAINS = 300.0, 0.5
+# Power of a contact's residual over the usual one, at least, where no other passage has its states.
+_CLEAR = 300.0
+# Share of the unseen squared error above which a term explains the residual: no column does so by chance.
+EXPLAINS = 0.5
 # Share of the rows of a log from which on all of it differs, not parts.
 _MOSTLY = 0.5
 
@@ -132,19 +133,22 @@ class Trials:
         used = self.rows.used & ~np.any([_touched(self, *one) for one in spoiled], axis=0)
         rows = replace(self.rows, used=used)
         flagged, power = contact(rows, self.bench.without_candidates())
-        if not flagged.any() or elsewhere(rows, flagged) or (power > _CLEAR and not self._explained):
+        if not flagged.any():
             return flagged
-        return np.zeros_like(flagged)
+        # States that other passages have without it speak against every term but those that go with time.
+        other = ("drift",) if elsewhere(rows, flagged) else None
+        if self._explained(other) or (other is None and power <= _CLEAR):
+            return np.zeros_like(flagged)
+        return flagged
 
-    @property
-    def _explained(self) -> bool:
-        """Whether a term explains most of the error, on whatever motors it is added."""
+    def _explained(self, kinds: Sequence[str] | None) -> bool:
+        """Whether a term of these kinds, or of any, explains most of the error, on whatever motors it is added."""
         base, shares = self.base(), dict[str, float]()
         for one in self.candidates:
-            if one.setting.terms:
+            if one.setting.terms and (kinds is None or one.kind in kinds):
                 share = gain(base, self.base(one.setting)).share
                 shares[one.kind] = shares.get(one.kind, 0.0) + share
-        return max(shares.values(), default=0.0) > _EXPLAINS
+        return max(shares.values(), default=0.0) > EXPLAINS
 
     def places_of(self, fault: ChannelFault) -> tuple[int, ...]:
         """The position channel of a fault, or the motors into whose rows its torque channel enters."""
