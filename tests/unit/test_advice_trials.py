@@ -333,6 +333,20 @@ def test_faults_of_channels_are_seen_and_good_channels_have_none():
     assert fault.samples.sum() < 110
 
 
+@pytest.mark.parametrize("dwell", [0.05, 0.2, 0.4])
+@pytest.mark.parametrize(
+    "way", [lambda u: 10 * u**3 - 15 * u**4 + 6 * u**5, lambda u: 2 * u**2 - (2 * u - 1).clip(0) ** 2]
+)
+def test_a_joint_that_is_held_between_two_motions_is_not_stuck(way, dwell):
+    """A counter that loses what passes goes on at speed; motion from point to point sets off slowly."""
+    t = np.arange(4000) / 1000
+    x = way((t - 1.0).clip(0, 0.3) / 0.3) + way((t - 1.3 - dwell).clip(0, 0.3) / 0.3)
+    held = 1e-4 * np.round(1e4 * x)
+    assert not list(faults(log(held, np.cos(t))))
+    lost = np.concatenate([x[:1150], np.full(200, x[1149]), x[1150:-200]])
+    assert [f.kind for f in faults(log(1e-4 * np.round(1e4 * lost), np.cos(t)))] == ["stuck position"]
+
+
 def test_parts_of_a_log_are_left_out_with_a_split():
     t = np.arange(100) / 1000
     whole = log(np.sin(t), np.cos(t))

@@ -33,8 +33,9 @@ CLIPPED = 0.002
 # A position is stuck while it stays where the motion around it would have moved it by this many of its own steps, or
 # this share of its range.
 STUCK_STEPS, STUCK = 12.0, 0.01
-# Steps in a row without a change from which on it may be.
-_STILL = 5
+# Steps in a row without a change from which on it may be, and share of as many before and after within which the
+# motion is still, or again, at this share of its mean speed there.
+_STILL, _NEAR, _AT_SPEED = 5, 0.1, 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,10 @@ def _most_frequent(tau: Array) -> tuple[float, float]:
 
 
 def _stuck(x: Array) -> np.ndarray:
-    """Samples in which a position does not change although it moves fast right before or after."""
+    """Samples in which a position does not change although it moves fast right before and after, or jumps then.
+
+    A joint that is held, as between motions from point to point, slows down before and sets off slowly.
+    """
     still = np.concatenate([np.diff(x) == 0, [False]])
     made = np.zeros(len(x), dtype=bool)
     steps = np.abs(np.diff(x))
@@ -109,9 +113,12 @@ def _stuck(x: Array) -> np.ndarray:
     for start, stop in edges[np.diff(edges)[:, 0] >= _STILL].tolist():
         n = stop - start
         after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
-        jump = abs(x[min(stop + 1, len(x) - 1)] - x[start])
-        # The motion on both sides extends through the range, or the position jumps at its end.
-        if (before * after > 0 and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
+        jump, near = abs(x[min(stop + 1, len(x) - 1)] - x[start]), max(1, round(_NEAR * n))
+        last = x[start] - x[max(start - near, 0)]
+        first = x[min(stop + near, len(x) - 1)] - x[stop]
+        at_speed = min(last / before, first / after) > _AT_SPEED * near / n if before * after > 0 else False
+        # The motion on both sides goes on at its speed through the range, or the position jumps at its end.
+        if (at_speed and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
             made[start : stop + 1] = True
     return made
 
