@@ -33,9 +33,9 @@ CLIPPED = 0.002
 # A position is stuck while it stays where the motion around it would have moved it by this many of its own steps, or
 # this share of its range.
 STUCK_STEPS, STUCK = 12.0, 0.01
-# Steps in a row without a change from which on it may be, and share of as many before and after within which the
-# motion is still, or again, at this share of its mean speed there.
-_STILL, _NEAR, _AT_SPEED = 5, 0.1, 1 / 3
+# Steps in a row without a change from which on it may be; stretches before and after it, as shares of its length, that
+# are compared with the next ones, and steps of the encoder that those have at least.
+_STILL, _NEAR, _TOLD = 5, (0.01, 0.03, 0.1), 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +113,26 @@ def _stuck(x: Array) -> np.ndarray:
     for start, stop in edges[np.diff(edges)[:, 0] >= _STILL].tolist():
         n = stop - start
         after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
-        jump, near = abs(x[min(stop + 1, len(x) - 1)] - x[start]), max(1, round(_NEAR * n))
-        last = x[start] - x[max(start - near, 0)]
-        first = x[min(stop + near, len(x) - 1)] - x[stop]
-        at_speed = min(last / before, first / after) > _AT_SPEED * near / n if before * after > 0 else False
+        jump = abs(x[min(stop + 1, len(x) - 1)] - x[start])
+        at_speed = before * after > 0 and min(abs(before), abs(after)) > least
+        at_speed = at_speed and not _slows_down(x[start::-1], n, step) and not _slows_down(x[stop:], n, step)
         # The motion on both sides goes on at its speed through the range, or the position jumps at its end.
-        if (at_speed and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
+        if at_speed or jump > max(least, 3 * abs(after) / n):
             made[start : stop + 1] = True
     return made
+
+
+def _slows_down(x: Array, n: int, step: float) -> bool:
+    """Whether a motion sets off slowly, at any scale of time that its steps show.
+
+    Under a constant acceleration the first stretch is a third of the second.
+    """
+    for near in {max(1, round(share * n)) for share in _NEAR}:
+        if len(x) > 2 * near:
+            first, second = abs(x[near] - x[0]), abs(x[2 * near] - x[near])
+            if second > _TOLD * step and first < 0.5 * second:
+                return True
+    return False
 
 
 def simulated_rows(
