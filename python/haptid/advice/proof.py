@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptid.advice.search import EXPLAINS, Proven, Trials, TriedChange, large_enough
+from haptid.advice.search import LARGE_GAIN, Proven, Trials, TriedChange, large_enough
 from haptid.advice.trial import Bench, Gain, Trial, gain
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import friction_coordinates
@@ -83,10 +83,10 @@ def _significant(bench: Bench, trial: Trial, made: Gain, limit: float) -> bool:
     """Whether a candidate is significant, by its gain or, where it adds columns, by their parameters.
 
     The gain compares two fits, and one with a column that does nothing may have erred less by chance, on all unseen
-    blocks alike: their scatter does not show it. No such column explains most of the error; one whose parameters are
-    of few blocks, as what gets warm at the start of a log, does, and has few degrees of freedom.
+    blocks alike: their scatter does not show it. No such column explains a quarter of the error; one whose parameters
+    are of few blocks, as what gets warm at the start of a log, does, and has few degrees of freedom.
     """
-    by_gain = made.p < limit and (made.share > EXPLAINS or not trial.setting.terms)
+    by_gain = made.p < limit and (made.share > LARGE_GAIN or not trial.setting.terms)
     return by_gain or (bool(trial.setting.terms) and bench.p_value(trial, limit) < limit)
 
 

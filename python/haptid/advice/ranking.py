@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.advice.search import LEAST_SE, Proven, Trials, TriedChange, paired, unseen_percent
+from haptid.advice.search import LARGE_GAIN, LARGE_SE, LEAST_SE, Proven, Trials, TriedChange, paired, unseen_percent
 from haptid.advice.trial import Bench, Trial, gain
 
 # Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
@@ -51,7 +51,8 @@ def stated(search: Trials, base: Trial, trial: Trial) -> Stated:
     Changes are judged in units of each motor's residual: that of a small motor hardly shows in the error of all.
     """
     whole = _stated(search, base, trial, None)
-    if whole.before - whole.after >= LEAST_SE * whole.se:
+    large = whole.after**2 < (1 - LARGE_GAIN) * whole.before**2
+    if whole.before - whole.after >= (LARGE_SE if large else LEAST_SE) * whole.se:
         return whole
     own = _stated(search, base, trial, helped(base, trial))
     # That of all is a motor's own where there is no other.
