@@ -117,6 +117,21 @@ def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
         assert "holds 2 runs" in surveyed.notes[0]
 
 
+def test_runs_behind_a_star_may_have_columns_of_their_own(tmp_path: Path) -> None:
+    """Ten runs were drafted as one log of twenty joints, as two of them had no planned positions."""
+    for k, day in enumerate(("143339", "143524", "154220")):
+        t, q, tau = motion(2, k)
+        planned = [] if day == "154220" else [q + 0.01]
+        header = "t,q1,q2,tau1,tau2" + (",q_des1,q_des2" if planned else "")
+        written(tmp_path / day / "trajectory.csv", header, t, q, tau, *planned)
+    arm = read_device(device(tmp_path, "1", "2"))
+    text, surveyed = draft_study([tmp_path / "*" / "trajectory.csv"], arm, "arm.toml", tmp_path)
+    made = tomllib.loads(text)
+    assert made["channels"]["position"]["channels"] == ["q1", "q2"]
+    assert [log["path"] for log in made["logs"]] == [f"{day}/trajectory.csv" for day in ("143339", "143524", "154220")]
+    assert "channels are of 143339/trajectory.csv" in surveyed.notes[0]
+
+
 @pytest.mark.parametrize(
     ("names", "apart"),
     [
@@ -130,6 +145,8 @@ def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
         (("arm1_joint1", "arm1_joint2"), False),
         (("joint_1_test", "joint_10_test"), False),
         (("leg1_run1", "leg1_run2"), True),
+        (("leg1_run1", "leg2_run2"), True),
+        (("leg1_run1", "leg2_run1"), False),
         (("leg1_train", "leg1_test"), True),
     ],
 )

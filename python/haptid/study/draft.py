@@ -66,8 +66,8 @@ def draft_study(
         )
         odd = dict(_other_units(surveyed, logs[1:]))
         held = "there are" if len(given) > 1 else f"{given[0]} holds"
-        said = [f"{held} {len(logs)} runs: {roles}; channels are of {Path(logs[0]).name}"]
-        said += [f"{Path(logs[k]).name}: {text}" for k, text in odd.items()]
+        said = [f"{held} {len(logs)} runs: {roles}; channels are of {_called(logs, 0)}"]
+        said += [f"{_called(logs, k)}: {text}" for k, text in odd.items()]
         surveyed = replace(surveyed, notes=(*said, *surveyed.notes))
     surveyed = replace(
         surveyed, notes=(*surveyed.notes, *_without_gears(surveyed, device), *_elsewhere(surveyed, logs[1:]))
@@ -89,8 +89,8 @@ def draft_study(
 
 
 def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
-    """The runs of one folder, or path with one `*`, that holds several: tables of equal columns with all joints, or
-    folders; else the logs."""
+    """The runs of one folder, or path with one `*`, that holds several: tables that all have the channels of the first
+    one, with all joints, or folders; else the logs."""
     folder = Path(logs[0])
     if len(logs) > 1 or not (folder.is_dir() or is_pattern(folder)):
         return logs
@@ -101,12 +101,23 @@ def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
     else:
         tables = table_files(folder) if format_of(folder).name == FOLDER_OF_TABLES else []
     try:
-        columns = {tuple(format_of(file).names(file)) for file in tables}
-        first = survey(tables[0]) if len(columns) == 1 else None
+        columns = [tuple(format_of(file).names(file)) for file in tables]
+        first = survey(tables[0]) if columns else None
     except HaptidError:  # a note among them, which the folder's own reader passes over
         return logs
-    positions = sum(c.quantity == "position" for topic in first.topics for c in topic.channels) if first else 0
-    return tables if first and not first.lacking and positions >= joints else logs
+    if first is None or first.lacking or not first.table:
+        return logs
+    positions = sum(c.quantity == "position" for topic in first.topics for c in topic.channels)
+    alike = len(set(columns)) == 1 or _drafted(first.table) <= set.intersection(*map(set, columns))
+    return tables if alike and positions >= joints else logs
+
+
+def _drafted(table: str) -> set[str]:
+    """Names of the channels of a draft; of those that are addressed by a field, the field."""
+    channels = tomllib.loads(table)["channels"]
+    signals = [own for key, own in channels.items() if key in ("time", "position", "torque", "velocity")]
+    signals = [{"channels": [own]} if isinstance(own, str) else own for own in signals]
+    return {name for own in signals for name in own.get("channels", [own.get("field", "")])}
 
 
 def _own_channels(first: Survey, log: str | Path) -> str:
@@ -178,6 +189,13 @@ def _elsewhere(surveyed: Survey, others: Sequence[str | Path]) -> Iterator[str]:
                 f"{Path(other).name} has {has}, which {surveyed.path.name} lacks: put the files of a recording into a "
                 "folder of their own, and name that as the log"
             )
+
+
+def _called(logs: Sequence[str | Path], k: int) -> str:
+    """The name of a log, with its folder where another log has the same name."""
+    path = Path(logs[k])
+    alike = sum(Path(log).name == path.name for log in logs) > 1
+    return f"{path.parent.name}/{path.name}" if alike else path.name
 
 
 def _relative(path: Path, folder: str | Path) -> str:

@@ -21,8 +21,9 @@ _BOUNDARY = re.compile(r"[/_\-. ]")
 _WHOLE = {"position", "torque"}
 # Words of joints by number.
 _NUMBERED_JOINT = r"(?:joint|axis|j|a)_?\d+"
-# Names of joints or limbs by number, and words of runs that have none.
+# Names of joints or limbs by number, of runs by number, and words of runs that have none.
 _LIMB = re.compile(r"(?<![^\W\d_])(?:joint|axis|j|a|q|motor|servo|leg|arm|finger|limb|link)[_ ]?\d+", re.I)
+_RUN = re.compile(r"(?<![^\W\d_])(?:run|trial|test|exp|take|rec|recording|session|log|episode)[_ ]?\d+", re.I)
 _RUNS = frozenset({"train", "training", "test", "testing", "val", "valid", "validation", "validate", "identification"})
 # Files of which each is looked at, where their names do not tell what they have.
 _LOOKED_AT = 8
@@ -325,6 +326,8 @@ def _are_runs(stems: Sequence[str]) -> bool:
     end = len(_prefix([stem[start:][::-1] for stem in stems])) if stems else 0
     own = [stem[start : len(stem) - end] for stem in stems]
     numbered = any(letter.isdecimal() for text in own for letter in text)
+    if all(_apart([frozenset(match[0].lower() for match in _RUN.finditer(stem)) for stem in stems])):
+        return True  # of whatever limb each is: those of other runs have other times
     limbs = _apart([frozenset(match[0].lower() for match in _LIMB.finditer(stem)) for stem in stems])
     return (numbered and not (all(limbs) and len({*limbs}) == len(limbs))) or any(
         words & _RUNS for words in _apart([words_of(stem) for stem in stems])
