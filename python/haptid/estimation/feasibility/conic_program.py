@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import product
+from threading import Lock
 from typing import Any
 
 import clarabel
@@ -19,6 +24,8 @@ ENOUGH = 1e-7
 SOLVED = ("Solved", "AlmostSolved")
 # Static regularisations of the linear systems, tried in turn; the first is the solver's own.
 REGULARISATIONS = (1e-8, 1e-7, 1e-6)
+# What Rust prints of a panic, with its trace where it has one; and the process's stream of errors, which has one owner.
+_PANIC, _STDERR = re.compile(rb"\n*thread '[^\n]*panicked at .*?(?:\nnote: [^\n]*\n*|\Z)", re.S), Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +115,33 @@ def attempt(problem: Sequence[Any], options: clarabel.DefaultSettings) -> Answer
     A decomposition that does not converge is a panic of its Rust code; here it is one more status that is not solved.
     """
     try:
-        answer = clarabel.DefaultSolver(*problem, options).solve()
+        with _without_traces():
+            answer = clarabel.DefaultSolver(*problem, options).solve()
     except BaseException as panic:
         if type(panic).__name__ != "PanicException":
             raise
         return Answer(str(panic), 0, np.zeros(0), np.zeros(0))
     return Answer(str(answer.status), answer.iterations, np.array(answer.x), np.array(answer.z))
+
+
+@contextmanager
+def _without_traces() -> Iterator[None]:
+    """Keep from the process's stderr what Rust prints of a panic, before it can be caught; all else is passed on."""
+    with _STDERR, tempfile.TemporaryFile() as held:
+        try:
+            kept = os.dup(2)
+        except OSError:  # a process without stderr
+            yield
+            return
+        try:
+            os.dup2(held.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            held.seek(0)
+            if rest := _PANIC.sub(b"", held.read()):
+                os.write(2, rest)
 
 
 def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:
