@@ -141,6 +141,27 @@ def test_a_payload_on_another_link_than_said_is_told(model, known):
     assert haptid.identify_payloads(model, bare, [(unknown(link="3", **known), loaded)]).notes == ()
 
 
+def test_three_payloads_on_one_wrong_link_are_all_told_of_the_right_one(model):
+    """Each was judged beside the others, whose wrong link changes the parameters that all share."""
+    sizes = ((0.4, 0.05), (0.8, -0.05), (1.2, 0.0))
+    bodies = [PriorBody(mass, np.array([0.2, y, 0.02]), np.eye(3) * 0.003) for mass, y in sizes]
+    loads = [(unknown(f"load {k}", "2"), recorded(model, body, 3 + k, seconds=16.0)) for k, body in enumerate(bodies)]
+    notes = haptid.identify_payloads(model, recorded(model, None, 2, seconds=16.0), loads).notes
+    assert [note[:44] for note in notes] == [f"Payload load {k} is better explained on link 3" for k in range(3)]
+
+
+@pytest.mark.parametrize("motor", range(3))
+def test_a_drive_that_gives_less_torque_with_the_payload_is_told(model, motor):
+    """Of 15 %, in the first motor: 1.4 kg in place of 0.8 kg, with an interval of 0.1 kg, and no word."""
+    given = np.where(np.arange(3) == motor, 0.85, 1.0)
+    bare, loaded = recorded(model, None, 2), recorded(model, LOAD, 3, gains=given)
+    (note,) = haptid.identify_payloads(model, bare, [(unknown(), loaded)]).notes
+    told = re.fullmatch(r"With payload tool the drive of motor (\d) gives (\S+) times .*", note)
+    assert told is not None
+    assert int(told[1]) == motor + 1
+    assert float(told[2]) == pytest.approx(0.85, abs=0.02)
+
+
 def test_a_body_that_another_link_would_explain_as_well_is_said_to_be_untold(model):
     bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, link="2", seconds=16.0)
     (note,) = haptid.identify_payloads(model, bare, [(unknown(link="3"), loaded)]).notes
@@ -169,11 +190,11 @@ def test_a_mass_below_zero_is_no_body_and_no_other_link_is_named_for_one(model):
 def test_halves_are_summed_once_and_no_mass_is_fitted_that_no_sentence_has(model, monkeypatch):
     """Of each log two halves and the whole; a fit of all blocks for each link took nine times as long."""
     summed, fits = [], []
-    monkeypatch.setattr(links, "_summed", lambda rows, own=links._summed: summed.append(rows) or own(rows))
+    monkeypatch.setattr(links, "summed", lambda rows, own=links.summed: summed.append(rows) or own(rows))
     fit = lambda rows, *rest, own=links.joint_fit: fits.append(rows[0].observation) or own(rows, *rest)  # noqa: E731
     monkeypatch.setattr(links, "joint_fit", fit)
     bare, loaded = recorded(model, None, 2, seconds=16.0), recorded(model, LOAD, 3, seconds=16.0)
-    for said, most in (("3", 0), ("2", 1)):
+    for said, most in (("3", 2), ("2", 1)):  # drives and mass of the right link, the mass on the better one
         summed.clear(), fits.clear()
         assert bool(haptid.identify_payloads(model, bare, [(unknown(link=said), loaded)]).notes) is (said == "2")
         assert len(summed) == 6
@@ -201,11 +222,11 @@ def test_a_link_is_named_for_a_mass_above_zero_that_leaves_less_than_no_body(
 ):
     """What one block leaves over with no body, on the link that is said, and on the others; mass +-0.05 kg there."""
 
-    def left_over(test, layout, load, at_gains=False):
+    def left_over(test, layout, at_gains=False):
         size = own if layout is test.layout else other
         if at_gains:
-            size = own if layout.bases[load].shape[1] else bare
-        return size * np.linspace(0.95, 1.05, len(test.observations[load + 1].blocks))
+            size = own if layout.bases[0].shape[1] else bare
+        return size * np.linspace(0.95, 1.05, len(test.rows[1].observation.blocks))
 
     monkeypatch.setattr(links.LinkTest, "_errors", left_over)
     monkeypatch.setattr(links.LinkTest, "_mass", lambda *_: (mass, mass - 0.05, mass + 0.05))

@@ -36,7 +36,8 @@ def refuse_held_joints(model: DynamicModel, logs: Sequence[Log], study: Study) -
         why = (
             f" by more than {most:.2g}, others by {max(travels):.2g} (rad or m): dry friction may take any torque there"
         )
-        raise _refused(model, study, logs, held, why)
+        units = " If their channels are in another unit than the others', give `unit` as a list."
+        raise _refused(model, study, logs, held, why, units)
 
 
 @contextmanager
@@ -66,7 +67,7 @@ def _travels(model: DynamicModel, logs: Sequence[Log]) -> list[float]:
 
 
 def _refused(
-    model: DynamicModel, study: Study, logs: Sequence[Log], still: Sequence[int], why: str
+    model: DynamicModel, study: Study, logs: Sequence[Log], still: Sequence[int], why: str, further: str = ""
 ) -> IdentifiabilityError:
     names = [model.device.joints[k].name for k in model.device.active]
     start = study.of_fit(logs)[0].position[0]
@@ -77,5 +78,5 @@ def _refused(
         where=tuple(names[k] for k in still),
         limit="motion of every joint in some log",
         advice=f"For a model of {moving} alone, import the robot with `{options}` and map the channels of "
-        f"{moving}; for one of the whole robot, add logs that move the others.",
+        f"{moving}; for one of the whole robot, add logs that move the others.{further}",
     )

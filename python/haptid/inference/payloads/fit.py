@@ -12,16 +12,18 @@ a combination of them whether it is one that the rows determine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import ConvergenceError
-from haptid.estimation.intervals.cluster_robust import clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Spread
 from haptid.estimation.least_squares import Solution
+from haptid.estimation.method import Fit
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.r_factor import r_factor
 
@@ -85,54 +87,87 @@ class JointFit:
 
     def spread(self, combinations: Array) -> Spread:
         """Cluster-robust covariance and degrees of freedom of combinations (q, n + gains) of unknowns."""
-        return clustered(self.rows, self.weights, self.solution, combinations)
+        return ClusterRobust().spread(self._blocks, combinations)
+
+    @cached_property
+    def _blocks(self) -> Fit:
+        """What the covariance needs of each block, once for all combinations."""
+        return Fit(self.rows, self.weights, self.solution, True)
 
     def of_gains(self) -> Array:
         """Combinations that are the logarithms of gain, (gains, n + gains)."""
         return np.eye(len(self.scale))[len(self.x) :]
 
 
-def joint_fit(loads: Sequence[LoadedRows], motors: Sequence[int], gains: Sequence[int]) -> JointFit:
+def joint_fit(
+    loads: Sequence[LoadedRows],
+    motors: Sequence[int],
+    gains: Sequence[int],
+    only: int | None = None,
+    start: Array | None = None,
+    converged: float = GAIN_CONVERGED,
+) -> JointFit:
     """Fit all loads' rows of some motors, with the gains of some of these motors unknown.
 
     Args:
         loads: rows and affine map of each load; the observations are of one model.
         motors: indices of the motors whose rows are used.
         gains: indices of those whose gain is unknown.
+        only: the load in whose rows alone the gains are others than the file's; None for those of all.
+        start: logarithms of the gains to begin with, (gains,); zeros where None.
+        converged: change of these up to which they have.
 
     Raises:
         ConvergenceError: Gauss-Newton did not converge.
     """
     n = loads[0].M.shape[1]
-    theta, weights = np.zeros(len(gains)), np.ones(len(motors))
+    theta = np.zeros(len(gains)) if start is None else start
+    weights = np.ones(len(motors))
     place = {motor: n + k for k, motor in enumerate(gains)}
     x, moved, rows = np.zeros(n), np.inf, list[MotorRows]()
+
+    def linearised(of: Sequence[LoadedRows], free: Mapping[int, int]) -> list[MotorRows]:
+        thetas = [theta[place[k] - n] if k in place else 0.0 for k in motors]
+        return [_linearised(of, k, x, own, free.get(k), n, only) for k, own in zip(motors, thetas, strict=True)]
+
+    # Steps need all blocks together, which is far fewer rows; the covariance needs each.
+    light = [replace(load, observation=summed(load.observation)) for load in loads] if place else loads
     for step in range(MOST_GAIN_STEPS):
-        # The first passes have no gains: the step of a gain is linearised about parameters, which are zero before.
-        free = place if step > 1 else {}
         if place or not rows:  # without gains the rows are the same in every pass
-            rows = [
-                _linearised(loads, k, x, theta[place[k] - n] if k in place else 0.0, free.get(k), n) for k in motors
-            ]
+            # The first passes have no gains: the step of one is linearised about parameters, which are zero before.
+            rows = linearised(light, place if step > 1 else {})
         solution, null, scale = rank_revealing(rows, weights, n + len(gains))
         x, change = solution.beta[:n], solution.beta[n:]
         moved = float(np.abs(change).max(initial=0.0))
         theta = theta + change * min(1.0, LARGEST_GAIN_STEP / max(moved, 1e-300))
         if step < WEIGHT_PASSES + bool(gains):
             weights = np.array([_weight(motor, solution.beta) for motor in rows])
-        elif moved < GAIN_CONVERGED:
+        elif moved < converged:
             break
     else:
         raise ConvergenceError(
-            f"the drive gains still change by {moved:.2g} after {MOST_GAIN_STEPS} steps, limit {GAIN_CONVERGED:.2g}.",
+            f"the drive gains still change by {moved:.2g} after {MOST_GAIN_STEPS} steps, limit {converged:.2g}.",
             found=moved,
-            limit=GAIN_CONVERGED,
+            limit=converged,
             advice="Record longer, with a heavier payload that loads every motor.",
         )
+    if any(few.observation is not load.observation for few, load in zip(light, loads, strict=True)):
+        rows = linearised(loads, place)
+        solution, null, scale = rank_revealing(rows, weights, n + len(gains))
     first = loads[0].observation
     blocks = tuple(block for load in loads for block in load.observation.blocks)
     observation = replace(first, motors=tuple(rows), blocks=blocks, motions=(), change=None)
     return JointFit(x, tuple(gains), theta, tuple(motors), observation, weights, solution, null, scale)
+
+
+def summed(observation: Observation) -> Observation:
+    """All rows as one block: what a fit needs of them."""
+    if len(observation.blocks) == 1:
+        return observation
+    motors = (
+        replace(motor, r_factors=motor.whole[None], rows=np.array([motor.rows.sum()])) for motor in observation.motors
+    )
+    return replace(observation, motors=tuple(motors), blocks=observation.blocks[:1])
 
 
 def _weight(motor: MotorRows, unknowns: Array) -> float:
@@ -140,21 +175,24 @@ def _weight(motor: MotorRows, unknowns: Array) -> float:
     return float(np.sqrt(motor.rows.sum()) / max(motor.residual(unknowns), EXACT_SHARE * motor.norm, 1e-300))
 
 
-def _linearised(loads: Sequence[LoadedRows], k: int, x: Array, theta: float, gain: int | None, n: int) -> MotorRows:
+def _linearised(
+    loads: Sequence[LoadedRows], k: int, x: Array, theta: float, gain: int | None, n: int, only: int | None
+) -> MotorRows:
     """Rows of motor k in the unknowns, and in the change of its logarithm of gain, which is unknown `gain`."""
-    s, parts, counts = np.exp(-theta), [], []
+    parts, counts = [], []
     first = loads[0].observation.motors[k]
     reached = np.zeros(n, dtype=bool)
     for load in loads:
         reached |= (load.M[load.observation.motors[k].columns] != 0).any(axis=0)
     own = np.flatnonzero(reached)
-    for load in loads:
-        motor = load.observation.motors[k]
+    for number, load in enumerate(loads):
+        motor, own_gain = load.observation.motors[k], only in (None, number)
+        s = np.exp(-theta) if own_gain else 1.0
         R, z = motor.r_factors[:, :, :-1], motor.r_factors[:, :, -1]
         M, m = load.M[motor.columns], load.m[motor.columns]
         columns = [s * R @ M[:, own]]
         if gain is not None:
-            columns.append(-(s * R @ (M @ x + m))[:, :, None])
+            columns.append(-(own_gain * s * R @ (M @ x + m))[:, :, None])
         wide = np.concatenate([*columns, (z - s * R @ m)[:, :, None]], axis=2)
         missing = max(wide.shape[2] - wide.shape[1], 0)
         parts.append(r_factor(np.pad(wide, ((0, 0), (0, missing), (0, 0)))))

@@ -33,7 +33,7 @@ from haptid.inference.payloads.body import FIGURE_UNITS, FIGURES, AttachedBody, 
 from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, PayloadIdentification
 from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
-from haptid.inference.payloads.links import LinkTest, body_links
+from haptid.inference.payloads.links import body_links, link_notes
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, concatenated, observe
@@ -97,8 +97,8 @@ def identify_payloads(
     rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(observations)]
     fit, left_out = _fitted(rows, observations[0], gains)
     payloads = [_payload(wide, body, fit, layout.columns(k), static) for k, body in enumerate(bodies)]
-    test = LinkTest(own, wide, layout, tuple(bodies), tuple(observations), fit)
-    notes = [removed(model, bodies) if wide is not own else "", *(test.note(k) for k in range(len(bodies)))]
+    tested = link_notes(own, wide, layout, bodies, observations, fit)
+    notes = [removed(model, bodies) if wide is not own else "", *tested]
     labels = [observations[0].motors[k].label for k in fit.motors]
     size = [motor.rows.sum() for motor in fit.rows.motors]
     unknowns = np.append(fit.x, np.zeros(len(fit.gains)))

@@ -397,7 +397,12 @@ def _signal_line(key: str, family: ChannelFamily, before_gears: bool = False) ->
         reason = "; ".join(reasons)
     elif not mixed and len({channel.unit for channel in family.channels}) > 1:
         largest = _largest(family.channels)
-        reason = f"{largest.reason} ({largest.name}; the others fit too)"
+        others = [c for c in family.channels if c.usable and c.unit != largest.unit]
+        reach = max((abs(end) for c in others for end in (c.low, c.high)), default=0.0)
+        as_well = f"; the others fit too, with {reach:.3g} {largest.unit} at most" if others else ""
+        other = " or ".join(sorted({c.unit for c in others}))
+        listed = f": if they are in {other}, write a list of units" if key == "position" and others else ""
+        reason = f"{largest.reason} ({largest.name}{as_well}{listed})"
     still = [channel.name for channel in family.channels if not channel.usable]
     constant = ""
     if still:
