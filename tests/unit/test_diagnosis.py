@@ -16,7 +16,7 @@ from haptid.inference.diagnosis.excitation import advice
 from haptid.inference.diagnosis.exogeneity import narrowly_filtered
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
-from haptid.inference.diagnosis.plausibility import confusions, unit_error
+from haptid.inference.diagnosis.plausibility import confusions, unit_error, unlike_together
 from haptid.inference.diagnosis.residuals import normality, residuals
 from haptid.inference.diagnosis.torque_faults import torque_faults
 from haptid.inference.elimination import not_identifiable
@@ -196,18 +196,42 @@ def test_factors_are_named_after_what_makes_them():
         ((9.6, 11.0, 13.0), "A", ()),  # no currents
         ((56.0, 1.1), "A", ()),
         ((1000.0, 1.1, 0.9), "A", (1,)),  # a drive has its own
+        ((9.6, 6.0, 5.0), "N m", ()),  # torque constants
     ],
 )
 def test_no_motor_has_a_unit_of_its_own_where_all_share_one(clean, factors, unit, named):
     """The largest error of a wrist's small motor was once "kilograms for newtons", among currents."""
+    sizes = {f"motor {k}": factor for k, factor in enumerate(factors, 1)}
+    assert set(confusions(in_unit(clean, unit), sizes)) == {f"motor {k}" for k in named}
+
+
+@pytest.mark.parametrize(
+    ("factors", "unit", "says"),
+    [
+        ((0.102, 0.127, 0.4), "N m", "if the channels are currents"),
+        ((0.102, 0.127), "N m", "motor 1 and motor 2 are 0.102 to 0.127 times"),
+        ((14.0, 11.0, 9.0), "A", "all too large: check the motors' `torque_constant`"),
+        ((0.102, 0.9, 1.1), "N m", ""),
+        ((0.102, 9.0, 1.1), "N m", ""),
+        ((-0.102, -0.127, -0.4), "N m", ""),
+    ],
+)
+def test_currents_taken_as_torques_are_told_by_all_motors_together(clean, factors, unit, says):
+    """Six currents were "newtons for kilograms" of the first motor, whose torque constant is near 9.81 N m/A."""
+    sizes = {f"motor {k}": factor for k, factor in enumerate(factors, 1)}
+    said = unlike_together(in_unit(clean, unit), sizes)
+    assert bool(said) is bool(says)
+    assert says in said
+
+
+def in_unit(clean, unit):
+    """What stands for the estimate of a log whose torque channels have this unit."""
     motors = clean.observation.motors
     channels = SimpleNamespace(torque_unit=unit, torque_units=(unit,) * len(motors))
-    fitted = SimpleNamespace(
+    return SimpleNamespace(
         model=clean.model,
         observation=SimpleNamespace(motors=motors, motions=(SimpleNamespace(log=SimpleNamespace(channels=channels)),)),
     )
-    sizes = {f"motor {k}": factor for k, factor in enumerate(factors, 1)}
-    assert set(confusions(fitted, sizes)) == {f"motor {k}" for k in named}
 
 
 def test_advice_names_the_joint_or_motor(clean):

@@ -34,7 +34,7 @@ from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
-from haptid.inference.diagnosis.plausibility import GOOD, confusions
+from haptid.inference.diagnosis.plausibility import GOOD, confusions, unlike_together
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.motion.motion import Motion
 from haptid.study.identify import Identification
@@ -131,6 +131,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     unknown = undetermined(search, base, {action.kind for action in every}, not every)
     sentences = [
         *_other_robot(after, (0.0, 0.0) if signs or mended else clash(found.use)),
+        *_unlike(diagnosis, known),
         *of_validation_logs(found, None if masks else before),  # what spoils rows may do so in the other logs too
         *unknown,
     ]
@@ -410,6 +411,17 @@ def _units(
         edits = tuple(gain_edits(search, k, 1 / factor))
         change = CHANGES[kind].format(where=label)
         yield Action(kind, (label,), change, "prior bodies", factor, 1.0, None, 1.0, True, edits)
+
+
+def _unlike(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[str]:
+    """A sentence on torques whose size relative to the prior bodies no one confusion of units explains."""
+    found = None if diagnosis is None else next((f for f in diagnosis.findings if f.name == "units and signs"), None)
+    if diagnosis is None or found is None or {"gain", "torque sign", "unit"} & {kind for kind, _ in known}:
+        return
+    labels = [motor.label for motor in diagnosis.estimate.observation.motors]
+    factors = {label: found.figures[f"factor {label}"] for label in labels if f"factor {label}" in found.figures}
+    if sentence := unlike_together(diagnosis.estimate, factors):
+        yield sentence
 
 
 def _use(found: Identification) -> Iterator[Action]:

@@ -202,8 +202,9 @@ def unit_error(factor: float, gears: Sequence[float], impossible: Collection[str
 def confusions(fitted: Estimate, factors: Mapping[str, float]) -> dict[str, str]:
     """The confusion of units or gear ratios behind each motor's factor, for those that a known one causes.
 
-    Degrees, kilograms and the unit of time are common to channels of one unit: where most of the other motors in the
-    same unit have other factors, or none is known, no such confusion makes that of a single motor.
+    Degrees, kilograms and the unit of time are common to channels of one unit: where the median of the motors in the
+    same unit is another factor, or that of no other motor is known, no such confusion makes that of a single motor.
+    Torque constants of one robot are alike too, and near some of these factors by chance.
 
     Args:
         fitted: whose motors.
@@ -213,14 +214,46 @@ def confusions(fitted: Estimate, factors: Mapping[str, float]) -> dict[str, str]
     units = dict(zip((motor.label for motor in motors), _channel_units(fitted, len(motors)), strict=True))
     found = {}
     for label, factor in factors.items():
-        others = [own for name, own in factors.items() if name != label and units[name] == units[label]]
-        alike = sum(abs(np.log(abs(other / factor))) < np.log(GOOD) for other in others)
-        shared = list(units.values()).count(units[label]) > 1
-        alone = shared and 2 * alike < max(len(others), 1)
-        impossible = _COMMON if alone else _OF_FORCES if units[label] == "A" else set()
-        if words := unit_error(factor, gears_of(fitted.model.device), impossible):
+        sizes = [max(abs(own), 1e-300) for name, own in factors.items() if units[name] == units[label]]
+        middle, gears = float(np.exp(np.median(np.log(sizes)))), gears_of(fitted.model.device)
+        if list(units.values()).count(units[label]) == 1:
+            shared = set(_COMMON)
+        else:
+            shared = {unit_error(middle, ())} & _COMMON if len(sizes) > 1 else set()
+        impossible = (_COMMON - shared) | (_OF_FORCES if units[label] == "A" else set())
+        if words := unit_error(factor, gears, impossible):
             found[label] = words
     return found
+
+
+def unlike_together(fitted: Estimate, factors: Mapping[str, float]) -> str:
+    """A sentence on torques of most motors that are all too small, or all too large, by unlike factors; else empty.
+
+    So currents taken as torques: the factors are the torque constants, times the gear ratios.
+
+    Args:
+        fitted, factors: as for `confusions`.
+    """
+    motors = fitted.observation.motors
+    units = dict(zip((motor.label for motor in motors), _channel_units(fitted, len(motors)), strict=True))
+    small = {label: factor for label, factor in factors.items() if 0 < factor < 1 / GOOD}
+    large = {label: factor for label, factor in factors.items() if factor > GOOD}
+    for side, words in ((small, "small"), (large, "large")):
+        if len(side) < 2 or 2 * len(side) <= len(motors):
+            continue
+        currents = all(units[label] == "A" for label in side)
+        cause = (
+            "check the motors' `torque_constant` and `gear_ratio` in the device file"
+            if currents
+            else "if the channels are currents, or torques before the gears, give `command_unit`, `torque_constant` "
+            "and `gear_ratio` in the device file's [[motors]], and `unit` and `side` in the study"
+        )
+        return (
+            f"The torques of {joined_names(list(side), most=8)} are {min(side.values()):.3g} to "
+            f"{max(side.values()):.3g} times those of the device file's bodies, all too {words}: {cause}. Not known: "
+            "whether the channels or the bodies are wrong."
+        )
+    return ""
 
 
 def _channel_units(fitted: Estimate, motors: int) -> tuple[str, ...]:
@@ -243,7 +276,7 @@ def units_and_signs(fitted: Estimate, scales: Sequence[TorqueScale]) -> Finding:
     """Torque scales with a known cause, and negative friction."""
     figures = {f"factor {scale.motor}": scale.value for scale in scales}
     causes = confusions(fitted, {scale.motor: scale.value for scale in scales})
-    bad, doubt = [], []
+    bad, doubt, unlike = [], [], list[TorqueScale]()
     for scale in scales:
         size = f"The torque of {scale.motor} is {scale.value:.3g} times {BODIES}"
         words = causes.get(scale.motor)
@@ -252,9 +285,14 @@ def units_and_signs(fitted: Estimate, scales: Sequence[TorqueScale]) -> Finding:
         elif words and not 1 / GOOD < scale.value < GOOD:
             bad.append(f"{size}, as caused by {words}.")
         elif not 1 / GOOD < scale.value + np.sign(1 - scale.value) * scale.half < GOOD:
+            unlike.append(scale)
+    for side in ([s for s in unlike if s.value < 1], [s for s in unlike if s.value > 1]):
+        if side:
+            low, high = (f"{pick(s.value for s in side):.3g}" for pick in (min, max))
+            size = low if low == high else f"{low} to {high}"
             doubt.append(
-                f"{size} (limit {GOOD:g}): command unit, gear ratio, torque constant, or the bodies of the device file "
-                "differ."
+                f"The torque of {joined_names([s.motor for s in side], most=8)} is {size} times {BODIES} (limit "
+                f"{GOOD:g}): command unit, gear ratio, torque constant, or the bodies of the device file differ."
             )
     if negative := _negative(fitted):
         figures |= {f"{NEGATIVE}{name}": value for name, value in negative.items()}
