@@ -214,7 +214,7 @@ def test_noisy_accelerations_are_no_torques() -> None:
 
 def test_a_file_without_a_header_is_drafted_in_degrees(tmp_path: Path) -> None:
     parts = signals()
-    large = [np.degrees(parts[name] * 40) for name in ("q", "qd")]
+    large = [np.degrees(parts[name] * 8) for name in ("q", "qd")]
     path = tmp_path / "log.txt"
     np.savetxt(path, np.hstack([parts["t"], *large, parts["tau"], parts["tau"] + 1e-3]))
     drafted = survey(path, [(str(k),) for k in range(3)]).table

@@ -263,11 +263,20 @@ def test_a_pair_apart_from_a_block_of_joints_is_none_more(tmp_path: Path) -> Non
         assert tomllib.loads(survey(written(tmp_path, table)).table)["channels"]["position"]["joints"] == joints
 
 
-def test_a_position_of_many_turns_is_said_to_be_so_in_either_unit(tmp_path: Path) -> None:
-    """A motor of 600 turns was drafted in degrees, as ten, without a word."""
+def test_a_position_of_many_turns_is_in_no_unit_until_one_is_told(tmp_path: Path) -> None:
+    """A motor of 600 turns was drafted in degrees, as ten."""
     np.savez(tmp_path / "log.npz", t=T, theta=188.4 * T + Q[:, 0], current=TAU[:, 0])
     (line,) = (line for line in survey(tmp_path / "log.npz").table.splitlines() if line.startswith("position"))
-    assert "4.18 turns where it is in degrees, 240 where in rad" in line
+    assert 'unit = "counts"' in line
+    assert "4.18 turns where it is in degrees, 240 where in rad, which neither its torque nor its swing tells" in line
+    np.savez(tmp_path / "log.npz", t=T, motor_pos_1=1500 * Q[:, 0], motor_pos_2=Q[:, 1], current=TAU[:, :2])
+    (line,) = (line for line in survey(tmp_path / "log.npz").table.splitlines() if line.startswith("position"))
+    assert 'unit = "counts", side = "motor" }' in line
+    turns = 300.0 * Q[:, 0]
+    weight = 2.0 * np.cos(turns) + 0.1 * np.gradient(turns, T)
+    np.savez(tmp_path / "log.npz", t=T, theta=turns, tau=weight)
+    (line,) = (line for line in survey(tmp_path / "log.npz").table.splitlines() if line.startswith("position"))
+    assert 'unit = "rad"' in line
 
 
 def test_one_pair_by_chance_among_many_columns_is_no_joint(tmp_path: Path) -> None:

@@ -18,19 +18,23 @@ from haptid._internal.signals import polynomial_filter
 
 # Rows that are fitted, and the residual power of one unit below which, as a share of the other's, it is taken.
 _ROWS, _TOLD = 2000, 0.85
+# The same where the joint turns several times in either unit.
+_TOLD_OF_TURNS = 0.3
 # Residual power, as a share of the torque's, above which no fit explains the torque.
 _EXPLAINED = 0.7
 # Least and greatest length of the smoothing filter, rows; and the period of the motion over that length.
 _NARROW, _WIDE, _OF_PERIOD = 5, 201, 8
 
 
-def turning_unit(position: NDArray[np.generic], torques: Iterable[NDArray[np.generic]]) -> str:
+def turning_unit(position: NDArray[np.generic], torques: Iterable[NDArray[np.generic]], several: bool = False) -> str:
     """Either "rad" or "deg", whichever explains the joint's torque better; empty where it does not tell.
 
     Args:
         position: of the joint, (n,), in either unit.
         torques: channels of which one is the joint's, each (n,).
+        several: whether it turns several times in either unit: a few turns follow any slow torque.
     """
+    told = _TOLD_OF_TURNS if several else _TOLD
     x = np.asarray(position, dtype=np.float64)
     if x.size < 10 * _NARROW or not np.isfinite(x).all():
         return ""
@@ -47,12 +51,12 @@ def turning_unit(position: NDArray[np.generic], torques: Iterable[NDArray[np.gen
             left = _left(y[kept], columns)
             better, worse = sorted(left, key=lambda u: left[u])
             if left[better] < least:
-                unit, least = better if left[better] < _TOLD * left[worse] else "", left[better]
+                unit, least = better if left[better] < told * left[worse] else "", left[better]
     if least < _EXPLAINED:
         return unit
     # A joint that swings freely has little torque, and the acceleration of its weight.
     left = _left(rates[1][kept], {unit: w[:, :-1] for unit, w in columns.items()})
-    return "rad" if left["rad"] < min(_TOLD * left["deg"], _EXPLAINED) else ""
+    return "rad" if left["rad"] < min(told * left["deg"], _EXPLAINED) else ""
 
 
 def _left(y: Array, columns: Mapping[str, Array]) -> dict[str, float]:

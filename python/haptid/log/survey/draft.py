@@ -14,7 +14,7 @@ from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import STATED, ChannelSurvey, TopicSurvey
 from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
-from haptid.log.survey.guesses import NO_RATE, unit_of
+from haptid.log.survey.guesses import NO_RATE, NOT_TOLD, unit_of
 from haptid.log.survey.joint_names import are_named, owners
 from haptid.log.survey.names import (
     COMMAND_WORDS,
@@ -382,7 +382,8 @@ def _where(family: ChannelFamily) -> str:
 
 def _before_gears(position: ChannelFamily) -> bool:
     """Whether positions are called those of motors, and some of them turn further than joints do."""
-    ends = [SI.get(c.unit, 0.0) * max(abs(c.low), abs(c.high)) for c in position.channels if c.usable]
+    units = [SI["deg"] if c.reason.endswith(NOT_TOLD) else SI.get(c.unit, 0.0) for c in position.channels]
+    ends = [si * max(abs(c.low), abs(c.high)) for si, c in zip(units, position.channels, strict=True) if c.usable]
     return position.of_motors and max(ends, default=0.0) > _MOTOR_TURNS * 2 * math.pi
 
 
@@ -397,7 +398,7 @@ def _signal_line(key: str, family: ChannelFamily, before_gears: bool = False) ->
         reason = "; ".join(reasons)
     elif not mixed and len({channel.unit for channel in family.channels}) > 1:
         largest = _largest(family.channels)
-        others = [c for c in family.channels if c.usable and c.unit != largest.unit]
+        others = [c for c in family.channels if c.usable and c.unit != largest.unit and largest.unit in SI]
         reach = max((abs(end) for c in others for end in (c.low, c.high)), default=0.0)
         as_well = f"; the others fit too, with {reach:.3g} {largest.unit} at most" if others else ""
         other = " or ".join(sorted({c.unit for c in others}))
@@ -424,10 +425,15 @@ def _signal_line(key: str, family: ChannelFamily, before_gears: bool = False) ->
     if periods:
         more += ", unwrap = true" + (f", period = {min(periods):g}" if min(periods) != PERIODS.get(unit) else "")
         reason += f"; it jumps by {min(periods):g} {unit}, as where it is wrapped"
-    if key == "position" and unit == "counts" and all(c.low >= 0 and c.high < _TWELVE_BITS for c in family.channels):
+    if key == "position" and unit == "counts" and all(map(_is_of_a_servo, family.channels)):
         counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
         reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
     return f"{key} = {{ {where}, unit = {written}{counted}{more}{side}{constant} }}  # guess: {reason}"
+
+
+def _is_of_a_servo(channel: ChannelSurvey) -> bool:
+    """Whether positions are whole numbers of twelve bits."""
+    return channel.whole and channel.low >= 0 and channel.high < _TWELVE_BITS
 
 
 def _written_units(channels: Sequence[ChannelSurvey]) -> list[str]:

@@ -36,12 +36,13 @@ from haptid.log.units import known_unit, readings
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
-# Degrees of a turn, beyond which few joints go.
-_ONE_TURN = 360.0
+# Degrees of a turn, beyond which few joints go, and turns beyond which a motor's are as likely as degrees.
+_ONE_TURN, _OF_A_JOINT = 360.0, 2.0
 _UNSTATED = "no unit is stated"
 # How reasons end of times that tell no rate: another clock is better.
 NO_RATE = (": their rate is not known", ": no one rate")
-MAY_TURN = "a joint that turns so far is in rad"
+MAY_TURN, TURNS = "a joint that turns so far is in rad", "turns where it is in degrees"
+NOT_TOLD = "which neither its torque nor its swing tells: write its unit, or a gain in rad per unit"
 # Currents beyond this are in mA.
 _AMPERES = 200.0
 # Steps of times that are pauses, in the median; share by which mean and median differ where there is no one rate, and
@@ -204,8 +205,10 @@ def unit_of(
             )
             few = f"; {MAY_TURN}" if largest < _FEW_TURNS and not more else ""
             if largest > _ONE_TURN:  # of a wheel, or a motor before its gear
-                few = f"; {largest / _ONE_TURN:.3g} turns where it is in degrees, {largest / math.tau:.3g} where in rad"
+                few = f"; {largest / _ONE_TURN:.3g} {TURNS}, {largest / math.tau:.3g} where in rad"
             whole = "; whole numbers: degrees, or counts" if channel.whole else ""
+            if largest > _OF_A_JOINT * _ONE_TURN and source != "lerobot":
+                return "counts", f"it reaches {largest:.4g}{few}, {NOT_TOLD}"
             return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{whole or few}"
         more = "as ROS prescribes" if source == "rosjoint" else _UNSTATED
         return "rad", f"{more}, and its range of {largest:.3g} fits"

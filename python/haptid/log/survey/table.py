@@ -24,7 +24,7 @@ from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of, with_parts
 from haptid.log.survey.beside import column_names, of_listed_joints, stated_rate, texts_beside
 from haptid.log.survey.channels import A_PART, LOOKED_AT, STATED, ChannelRange, ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.guesses import MAY_TURN, guessed, lettered, posed, timed, usual_step, with_voltages
+from haptid.log.survey.guesses import MAY_TURN, TURNS, guessed, lettered, posed, timed, usual_step, with_voltages
 from haptid.log.survey.names import NESTED, base_of, element_of, is_time, quantity_of
 from haptid.log.survey.recognised import recognised
 from haptid.log.survey.states import with_states
@@ -340,7 +340,7 @@ def _are_repeats(groups: Sequence[Sequence[ChannelSurvey]], path: Path, kind: Fo
 def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
     """Positions that may be several turns or some degrees in the unit that their torques tell."""
     torques = [c.name for c in channels if c.quantity == "torque" and c.usable][:_TOGETHER]
-    doubtful = [c for c in channels if MAY_TURN in c.reason]
+    doubtful = [c for c in channels if MAY_TURN in c.reason or TURNS in c.reason]
     if not doubtful or kind is LEROBOT:
         return list(channels)
     loads = list(_columns(path, kind, torques, Request()).values()) if torques else []
@@ -348,7 +348,8 @@ def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> lis
     for channel in channels:
         meant = ""
         if channel in doubtful:
-            meant = turning_unit(_columns(path, kind, [channel.name], Request())[channel.name], loads)
+            position = _columns(path, kind, [channel.name], Request())[channel.name]
+            meant = turning_unit(position, loads, several=TURNS in channel.reason)
         if meant:
             largest = max(abs(channel.low), abs(channel.high))
             moves = "turns several times" if meant == "rad" else "moves by degrees"
