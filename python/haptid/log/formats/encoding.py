@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import IO, TextIO
 
 from haptid.errors import LogFileError
+from haptid.log.formats.brackets import HEAD, is_bracketed, unbracketed
 
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 # Bytes that tell the encoding, and most of a character that may be cut at their end.
@@ -60,11 +61,17 @@ def opened_text(path: Path) -> TextIO:
 def opened_utf8(path: Path) -> IO[bytes]:
     """The bytes of a text in UTF-8, with its mark if it has one; of UTF-16 the whole is in memory.
 
+    Of a matrix in brackets they are those of its rows, without the brackets, in memory too.
+
     Raises:
         LogFileError: UTF-16 text has half a character at its end.
     """
     file = path.open("rb")
-    if encoding_of(file.read(2)) != "utf-16":
+    head = file.read(HEAD)
+    if is_bracketed(head):
+        with file:
+            return io.BytesIO(unbracketed(head + file.read()))
+    if encoding_of(head[:2]) != "utf-16":
         file.seek(0)
         return file
     with file:
