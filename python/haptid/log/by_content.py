@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid.log.control_errors import errors_among, smaller_half
 from haptid.log.far_off import far_off
 
 # Columns and rows that are used, at most.
@@ -124,12 +125,17 @@ class Content:
         heads = _measured(rows, heads, at if together else {}, block)
         second = _second_rates(at, heads, len(names))
         used = {*at, *at.values(), *second}
+        heads = [k for k in heads if k not in errors_among(rows, heads, heads)]
+        if len([k for k in moving if k not in used]) < len(heads):
+            heads = [k for k in heads if k not in smaller_half(rows, heads)]
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
         # Torques of a mechanism that is all inertia are rates of rates too, of another period: taken if nothing else is
         rates = [at.get(k) for k in heads]
         for taken, alone in ((used, False), ({*heads, *(k for k in rates if k is not None)}, True)):
-            groups = _left(rows, [k for k in moving if k not in taken], heads, taken)
+            left = [k for k in moving if k not in taken]
+            errors = errors_among(rows, left, heads)
+            groups = _left(rows, [k for k in left if k not in errors], heads, taken)
             again = [group for group in groups if _accelerations(rows, group, rates, step, alone)]
             groups = [group for group in groups if group not in again]
             if groups:
