@@ -181,3 +181,18 @@ def test_a_damaged_list_of_texts_does_not_spoil_the_samples(tmp_path: Path) -> N
     assert whole.count(b"ANVIL") == 1
     path.write_bytes(whole.replace(b"ANVIL", b"ANVIX"))
     assert sum(c.quantity == "position" for c in survey(path).topics[0].channels) == 3
+
+
+def test_current_and_torque_of_one_motor_are_no_two_motors(tmp_path: Path) -> None:
+    """A matrix with names of its columns: a pendubot's motor has both, and its elbow none."""
+    t = np.arange(0, 8, 0.004)
+    q = np.stack([np.sin(2 * t), np.sin(2.7 * t + 1)], axis=1)
+    current = 3 * np.sin(q[:, 0]) + np.tanh(9 * np.gradient(q[:, 0], t))
+    data = np.column_stack([t, q, np.gradient(q, t, axis=0), current, 0.12 * current])
+    names = ["time", "hip_position", "knee_position", "hip_velocity", "knee_velocity", "current", "torque"]
+    np.savez(tmp_path / "log.npz", data=data, column_name=np.array(names))
+    made = tomllib.loads(survey(tmp_path / "log.npz").table)["channels"]
+    assert made["position"]["joints"] == [2, 3]
+    assert (made["torque"]["joints"], made["torque"]["unit"]) == ([7], "N m")
+    beside = survey(tmp_path / "log.npz", [("hip",), ("knee",)], command_unit="A")
+    assert tomllib.loads(beside.table)["channels"]["torque"]["joints"] == [6]

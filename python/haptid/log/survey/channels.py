@@ -16,6 +16,8 @@ from haptid.log.registers import Register
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
 # How reasons begin of units that the file has, and that are no guess.
 STATED = ("the file states", "by its name")
+# How reasons end of torques of no stated unit beside a device file.
+OF_DEVICE = "that of the device's motors"
 # Arrays of fewer elements than this share of the rows are settings or results beside the recording.
 A_PART = 0.02
 # Channels of a topic or table that are looked at.

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from haptid.log.survey.channels import A_PART, STATED, ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.channels import A_PART, OF_DEVICE, STATED, ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.joint_names import matched
 from haptid.log.survey.names import (
     ANGLE,
@@ -210,9 +210,18 @@ def channel_families(
         mixed = _by_numbers(arrays) if quantity == "torque" else ()
         for array, channels in (*groups.items(), *_of_unlike_names(groups), *mixed):
             kept = sorted((c for c in channels if not _is_copy(c, channels)), key=lambda c: place[c.name])
-            found.append(ChannelFamily(topic, array, tuple(kept)))
+            found += [ChannelFamily(topic, array, tuple(own)) for own in _of_one_drive(kept)]
         found += _across(topic, arrays) if joints else []
     return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _of_one_drive(channels: Sequence[ChannelSurvey]) -> list[list[ChannelSurvey]]:
+    """Elements of an array apart by what they are: one motor's current and torque are two signals and no two motors."""
+    kinds: dict[str, list[ChannelSurvey]] = {}
+    for channel in channels:
+        told = channel.quantity == "torque" and element_of(channel.name) and not channel.reason.endswith(OF_DEVICE)
+        kinds.setdefault(_DRIVE_UNITS.get(channel.unit, "") if told else "", []).append(channel)
+    return list(kinds.values())
 
 
 def _across(topic: TopicSurvey, arrays: dict[str, list[ChannelSurvey]]) -> list[ChannelFamily]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from haptid.log.formats.sniff import RawChannel
 from haptid.log.stamps import too_fast
-from haptid.log.survey.channels import STATED, ChannelSurvey, Quantity
+from haptid.log.survey.channels import OF_DEVICE, STATED, ChannelSurvey, Quantity
 from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.names import (
     COMMAND_WORDS,
@@ -234,7 +234,7 @@ def commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
     before, unstated, _ = channel.reason.partition(_UNSTATED)  # before it, how it was recognised without a name
     if channel.quantity != "torque" or not unstated or channel.unit == unit:
         return channel
-    return replace(channel, unit=unit, reason=f"{before}{_UNSTATED}; that of the device's motors")
+    return replace(channel, unit=unit, reason=f"{before}{_UNSTATED}; {OF_DEVICE}")
 
 
 def lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
