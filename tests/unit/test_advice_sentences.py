@@ -92,6 +92,23 @@ def test_a_torque_of_noise_that_is_small_is_named_and_not_given_a_gain(tmp_path:
     assert not any("gain" in sentence.split(":")[0] for sentence in said if sentence[0].isdigit())
 
 
+def test_a_channel_of_which_the_model_explains_nothing_is_given_no_gain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As above in a log that is too short, or too slow, to be certain of noise."""
+    for place in ("advice.recorder", "motion.noise_torques"):
+        monkeypatch.setattr(f"haptid.{place}.noise_alone", lambda log: np.zeros(log.torque.shape[1], dtype=bool))
+    path = small_study.write_study(tmp_path)
+    for seed, name in ((1, "log.csv"), (2, "check.csv")):
+        made = small_study.columns(seed, 20.0)
+        size = 1e-3 * float(np.std(made["tau1"]))
+        made["tau2"] = size * np.random.default_rng(seed).standard_normal(len(made["t"]))
+        pyarrow.csv.write_csv(pa.table(made), tmp_path / name)
+    first = advise(identify(read_study(path))).actions[0]
+    assert (first.kind, first.edits) == ("no torque", ())
+    assert "motor 2, of which the model explains nothing: check that it is connected" in first.sentence
+
+
 @pytest.mark.parametrize(("size", "rows"), [(1e-3, "Its error is of noise."), (0.3, "Its rows are not used")])
 def test_a_torque_of_noise_in_a_validation_log_alone_is_named(tmp_path: Path, size: float, rows: str) -> None:
     """Nothing named it: a large one had no rows, and a small one made the motion of the fit suspected of its error."""

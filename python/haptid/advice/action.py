@@ -23,6 +23,8 @@ SHOWN = 6
 _EXPLAINS = 3.0
 # Changes of a whole log: where one of them is to be made, no other change can be judged before it is.
 WHOLE_LOG = ("side", "mounting", "joint order", "joint zeros")
+# A gain of next to nothing that explains nothing of the channel.
+NO_TORQUE = "no torque"
 # Kinds that leave rows out.
 MASKS = ("dead torque", "noise alone", "stuck position", *BY_RESIDUAL, "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.
@@ -62,6 +64,10 @@ CHANGES: Mapping[str, str] = {
         "leave out the torque channel of {where}, which shows noise alone: check that it is connected and of this "
         "motor, and record again"
     ),
+    NO_TORQUE: (
+        "leave out the torque channel of {where}, of which the model explains nothing: check that it is connected and "
+        "of this motor, and record again"
+    ),
     "coarse torque": "record the torque of {where} with a finer resolution",
     "clipped torque": "leave out the parts in which the torque of {where} is clipped",
     "stuck position": "leave out the parts in which the position of {where} is stuck",
@@ -90,6 +96,7 @@ _OPEN: Mapping[str, str] = {
     "mounting": "whether the base is tilted from that axis",
     "dead torque": "what the channel would have shown",
     "noise alone": "what the channel would have shown",
+    NO_TORQUE: "what the channel would have shown",
     "stuck position": "whether it is held there on purpose: logs of poses that are held are for `haptid poses`",
     "contact": "what touched it, and lighter contacts elsewhere",
     "start": "whether dry friction that breaks away makes it, cold grease or a brake",

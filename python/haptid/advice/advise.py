@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from haptid._internal.blas_threads import on_one_blas_thread
-from haptid.advice.action import CHANGES, USE, Action, Advice
+from haptid.advice.action import CHANGES, NO_TORQUE, USE, Action, Advice
 from haptid.advice.bodies import right_signs
 from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.conventions import OtherCounts, other_counts, with_all_motion
@@ -21,6 +21,7 @@ from haptid.advice.search import (
     Trials,
     TriedChange,
     large_enough,
+    of_no_motor,
     unseen_percent,
 )
 from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
@@ -293,11 +294,13 @@ def _action(
     """A proven candidate in words."""
     candidate, model, bench = one.candidate, search.model, search.bench
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
-    change = CHANGES[candidate.kind].format(where=where) + _size(one, _travel_unit(model))
+    kind = NO_TORQUE if of_no_motor(search, one) else candidate.kind
+    size = "" if kind == NO_TORQUE else _size(one, _travel_unit(model))
+    change, edits = CHANGES[kind].format(where=where) + size, () if kind == NO_TORQUE else edits
     errors = stated(search, base, one.trial)
     label = "" if errors.motor is None else model.device.row_labels[model.known_rows[errors.motor]]
     return Action(
-        candidate.kind, candidate.places, change, "unseen error", errors.before, errors.after, errors.se,
+        kind, candidate.places, change, "unseen error", errors.before, errors.after, errors.se,
         one.gain.share, adds, edits, bench.blocks, rivals, label,
     )  # fmt: skip
 

@@ -44,10 +44,11 @@ _OF_A_JOINT = ("coulomb", "viscous", "spring")
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
 DEAD_ERROR = 0.15
-# Power of a contact's residual over the usual one, at least, where no other passage has its states.
-_CLEAR = 300.0
-# Share of the unseen squared error above which a term explains the residual: no column does so by chance.
-EXPLAINS = 0.5
+# A gain below this share, with this share of the channel left over, is that of a channel of something else.
+_HARDLY, _UNRELATED = 0.05, 0.8
+# Power of a contact's residual over the usual one, at least, where no other passage has its states, and share of the
+# unseen squared error above which a term explains the residual.
+_CLEAR, _EXPLAINS = 300.0, 0.5
 # Share of the rows of a log from which on all of it differs, not parts.
 _MOSTLY = 0.5
 
@@ -148,7 +149,7 @@ class Trials:
             if one.setting.terms and (kinds is None or one.kind in kinds):
                 share = gain(base, self.base(one.setting)).share
                 shares[one.kind] = shares.get(one.kind, 0.0) + share
-        return max(shares.values(), default=0.0) > EXPLAINS
+        return max(shares.values(), default=0.0) > _EXPLAINS
 
     def places_of(self, fault: ChannelFault) -> tuple[int, ...]:
         """The position channel of a fault, or the motors into whose rows its torque channel enters."""
@@ -389,6 +390,14 @@ def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
     middle = search.rows.sample
     high, low = np.clip(middle + ahead + 1, 0, len(samples)), np.clip(middle - back, 0, len(samples))
     return np.asarray((search.rows.log == log) & (count[high] > count[low]))
+
+
+def of_no_motor(search: Trials, one: Proven) -> bool:
+    """Whether a gain of next to nothing leaves the channel unexplained: it shows nothing of its motor's torque."""
+    motor = one.candidate.indices[0] if one.candidate.kind == "gain" else -1
+    if motor < 0 or abs(float(one.trial.whole.factors[motor])) > _HARDLY:
+        return False
+    return bool(_unseen(search, one.trial)[motor] > _UNRELATED)
 
 
 def large_enough(made: Gain) -> bool:
