@@ -347,6 +347,24 @@ def test_a_joint_that_is_held_between_two_motions_is_not_stuck(way, dwell):
     assert [f.kind for f in faults(log(1e-4 * np.round(1e4 * lost), np.cos(t)))] == ["stuck position"]
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-13])
+def test_a_position_that_stops_at_once_for_good_is_stuck_and_one_that_is_held_is_not(rounding):
+    """An encoder that fails at 3 s of 6 s; a joint that is brought to rest there; also in a log that was resampled."""
+    t = np.arange(6000) / 1000
+    q, u = np.sin(4 * t), np.cos(4 * t) + 0.01 * np.random.default_rng(0).normal(size=6000)
+    failed = np.where(t < 3.0, q, q[3000]) + rounding * np.random.default_rng(1).normal(size=6000)
+    (fault,) = faults(log(failed, u))
+    assert (fault.kind, fault.channel) == ("stuck position", 0)
+    assert fault.share == pytest.approx(0.5, abs=0.01)
+    late = np.where(t > 3.0, q, q[3000]) + rounding * np.random.default_rng(1).normal(size=6000)
+    assert [fault.kind for fault in faults(log(late, u))] == ["stuck position"]
+    speed = 4 * np.cos(4 * t) * np.clip((3.0 - t) / 0.5, 0.0, 1.0)  # within half a second
+    for step in (0.0, 1e-4):
+        held = np.cumsum(speed) / 1000
+        held = np.round(held / step) * step if step else held
+        assert not list(faults(log(held, u)))
+
+
 def test_parts_of_a_log_are_left_out_with_a_split():
     t = np.arange(100) / 1000
     whole = log(np.sin(t), np.cos(t))

@@ -33,9 +33,14 @@ CLIPPED = 0.002
 # A position is stuck while it stays where the motion around it would have moved it by this many of its own steps, or
 # this share of its range.
 STUCK_STEPS, STUCK = 12.0, 0.01
-# Steps in a row without a change from which on it may be; stretches before and after it, as shares of its length, that
-# are compared with the next ones, and steps of the encoder that those have at least.
-_STILL, _NEAR, _TOLD = 5, (0.01, 0.03, 0.1), 8.0
+# Steps in a row without a change from which on it may be; share of its range that is rounding of a resampled log.
+_STILL, _SAME = 5, 1e-9
+# Stretches before and after a stop, as shares of its length, that are compared with the next ones, and steps of the
+# encoder that those have at least.
+_NEAR, _TOLD = (0.01, 0.03, 0.1), 8.0
+# A longer stop, as a share of the log, is held on purpose unless speed changes at its ends by this many times what it
+# changes by elsewhere, a hundredth of the samples apart, over some samples; fewest samples elsewhere.
+_LONG, _ABRUPT, _USUAL, _BESIDE, _FEWEST = 0.02, 8.0, 0.99, 10, 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +109,10 @@ def _stuck(x: Array) -> np.ndarray:
 
     A joint that is held, as between motions from point to point, slows down before and sets off slowly.
     """
-    still = np.concatenate([np.diff(x) == 0, [False]])
-    made = np.zeros(len(x), dtype=bool)
-    steps = np.abs(np.diff(x))
-    step = float(steps[steps > 0].min()) if (steps > 0).any() else 0.0
+    steps, made = np.abs(np.diff(x)), np.zeros(len(x), dtype=bool)
+    still = np.concatenate([steps <= _SAME * np.ptp(x), [False]])
+    moved = steps[~still[:-1]]
+    step = float(moved.min()) if moved.size else 0.0
     least = max(STUCK_STEPS * step, STUCK * float(np.ptp(x)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]]))).reshape(-1, 2)
     for start, stop in edges[np.diff(edges)[:, 0] >= _STILL].tolist():
@@ -117,7 +122,8 @@ def _stuck(x: Array) -> np.ndarray:
         at_speed = before * after > 0 and min(abs(before), abs(after)) > least
         at_speed = at_speed and not _slows_down(x[start::-1], n, step) and not _slows_down(x[stop:], n, step)
         # The motion on both sides goes on at its speed through the range, or the position jumps at its end.
-        if at_speed or jump > max(least, 3 * abs(after) / n):
+        jumps = jump > max(least, 3 * abs(after) / n)
+        if at_speed or jumps or (n > _LONG * len(x) and _abrupt(x, start, stop, STUCK_STEPS * step)):
             made[start : stop + 1] = True
     return made
 
@@ -133,6 +139,23 @@ def _slows_down(x: Array, n: int, step: float) -> bool:
             if second > _TOLD * step and first < 0.5 * second:
                 return True
     return False
+
+
+def _abrupt(x: Array, start: int, stop: int, least: float) -> bool:
+    """Whether a position stops, or sets off, at once: by a change of speed that is none of the motion elsewhere.
+
+    Args:
+        x: the position, (n,).
+        start, stop: samples between which it does not change.
+        least: travel over some samples that may be the encoder's steps.
+    """
+    bends = np.abs(x[2 * _BESIDE :] - 2 * x[_BESIDE:-_BESIDE] + x[: -2 * _BESIDE])
+    middle, reach = np.arange(len(bends)) + _BESIDE, 3 * _BESIDE  # a resampled log rings beside a corner
+    ends = (np.abs(middle - start) <= reach) | (np.abs(middle - stop) <= reach)
+    elsewhere = (middle < start - reach) | (middle > stop + reach)
+    if elsewhere.sum() < _FEWEST or not ends.any():
+        return False
+    return float(bends[ends].max()) > max(_ABRUPT * float(np.quantile(bends[elsewhere], _USUAL)), least)
 
 
 def simulated_rows(
