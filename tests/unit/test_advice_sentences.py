@@ -16,7 +16,7 @@ import small_study
 from diagnosed import phantom
 from haptid.advice import apply
 from haptid.advice.action import CHANGES, MASKS, Action, Advice, told_apart
-from haptid.advice.advise import _travel_unit, advise
+from haptid.advice.advise import _shifted_once, _travel_unit, advise
 from haptid.advice.contact import kind_of
 from haptid.advice.edits import Edit, _free_name
 from haptid.advice.recorder import faults
@@ -75,6 +75,16 @@ def test_units_are_plain_numbers_and_no_error_that_stays_is_called_a_gain() -> N
     assert not any(sentence.startswith("Together") for sentence in said)
 
 
+def test_a_channel_is_shifted_in_time_by_one_size() -> None:
+    """A motor's torque was to be shifted by 78.7 ms, and further down by 25.7 ms."""
+    shifts = [
+        action("time shift", 5.0, adds, places=places)
+        for adds, places in ((False, ("a",)), (True, ("a",)), (False, ("b",)), (False, ("b",)), (False, ("b", "c")))
+    ]
+    others = [action("offset", 5.0, False, places=("a",)), action("offset", 4.0, False, places=("a",))]
+    assert _shifted_once([*shifts, *others]) == [shifts[1], shifts[2], shifts[4], *others]
+
+
 def test_positions_of_revolute_joints_are_in_rad() -> None:
     assert _travel_unit(phantom()) == "rad"
 
@@ -122,6 +132,21 @@ def test_a_torque_of_noise_in_a_validation_log_alone_is_named(tmp_path: Path, si
     (said,) = (one for one in made.sentences if "check.csv" in one)
     assert said.startswith("check.csv: torque of motor 2 shows no part that follows the motion")
     assert rows in said
+
+
+@pytest.mark.parametrize(("factor", "told"), [(2.0, True), (-1.0, True), (1e3, True), (1.0, False)])
+def test_a_validation_log_of_another_gain_is_told_with_it(tmp_path: Path, factor: float, told: bool) -> None:
+    """The motion of the fit was suspected; other motion, which the fit does not determine, has no one factor."""
+    path = small_study.write_study(tmp_path)
+    made = small_study.columns(2)
+    made["tau1"] = factor * made["tau1"] if told else made["tau1"] + 3.0 * np.sin(7 * made["t"])
+    pyarrow.csv.write_csv(pa.table(made), tmp_path / "check.csv")
+    (said,) = (one for one in advise(identify(read_study(path))).sentences if "check.csv" in one)
+    assert ("Another unit, sign or gain" in said) is told
+    if told:
+        size = float(said.partition("that of motor 1 is ")[2].split()[0])
+        assert size == pytest.approx(factor, rel=0.02)
+        assert "motor 2" not in said
 
 
 def test_a_validation_log_of_noise_alone_is_named_once(tmp_path: Path) -> None:

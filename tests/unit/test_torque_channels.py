@@ -162,9 +162,12 @@ def test_the_error_of_a_validation_log_is_without_the_motor_of_noise_behind_a_fr
     errors = {"a": 1.0, "b": 1.0, "c": 1.0} | {joint: 90.0}
     motors = (MotorError(name, f"joint {name}", "N m", size, 100.0, 10) for name, size in errors.items())
     run = SimpleNamespace(
-        entry=SimpleNamespace(role="validate", path="log.npz"), motion=made, unseen=(Validation(tuple(motors), False),)
+        entry=SimpleNamespace(role="validate", path="log.npz"),
+        motion=made,
+        observation=SimpleNamespace(motors=()),
+        unseen=(Validation(tuple(motors), False),),
     )
-    fit = SimpleNamespace(observation=SimpleNamespace(motions=()))
+    fit = SimpleNamespace(observation=SimpleNamespace(motions=()), beta=np.zeros(0))
     said = list(of_validation_logs(SimpleNamespace(model=model, estimate=fit, runs=(run,)), 1.0))
     assert "torque of joint c shows no part that follows the motion" in said[0]
     assert any("on unseen blocks of the fit" in one for one in said[1:]) == (joint == "b")

@@ -103,7 +103,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         _action(search, base, one, one in chosen, edits_of(search, one, treatment), _rivals(base, one, made))
         for one in made
     ]
-    listed = [action for action in listed if action.after < action.before]
+    listed = _shifted_once([action for action in listed if action.after < action.before])
     others = [
         _mask_action(
             mask,
@@ -140,6 +140,19 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     more = None if every else more_motion(part)
     kinds = frozenset(one.kind for one in search.candidates)
     return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more, kinds)
+
+
+def _shifted_once(listed: Sequence[Action]) -> list[Action]:
+    """Without other sizes of a shift in time of the same channels: by its slope, and by shifts that are tried whole."""
+    told = {place for one in listed if one.kind == TIME_SHIFT and one.adds for place in one.places}
+    kept = []
+    for one in listed:
+        if one.kind == TIME_SHIFT and not one.adds:
+            if told.issuperset(one.places):
+                continue
+            told |= set(one.places)
+        kept.append(one)
+    return kept
 
 
 def _other_robot(after: float, errors: tuple[float, float]) -> Iterator[str]:

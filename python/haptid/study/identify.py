@@ -222,7 +222,8 @@ def _check_size(model: DynamicModel) -> None:
             where=model.device.name,
             found=count,
             limit=most,
-            advice="Leave joints that stand still out of the device file, or identify a part at a time; "
+            advice="Leave joints that stand still out of the device file (haptid import --only JOINT,JOINT), or "
+            "identify a part at a time; "
             f"{BASE_PARAMETERS.variable} sets another limit.",
         )
 

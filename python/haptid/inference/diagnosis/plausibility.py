@@ -216,10 +216,10 @@ def confusions(fitted: Estimate, factors: Mapping[str, float]) -> dict[str, str]
     for label, factor in factors.items():
         sizes = [max(abs(own), 1e-300) for name, own in factors.items() if units[name] == units[label]]
         middle, gears = float(np.exp(np.median(np.log(sizes)))), gears_of(fitted.model.device)
-        if list(units.values()).count(units[label]) == 1:
-            shared = set(_COMMON)
-        else:
-            shared = {unit_error(middle, ())} & _COMMON if len(sizes) > 1 else set()
+        shared = set(_COMMON)
+        if list(units.values()).count(units[label]) > 1:
+            cause = unit_error(middle, ()) if len(sizes) > 1 else None
+            shared = {cause} & _COMMON if cause else set()
         impossible = (_COMMON - shared) | (_OF_FORCES if units[label] == "A" else set())
         if words := unit_error(factor, gears, impossible):
             found[label] = words
