@@ -156,7 +156,8 @@ class Channels:
             raise LogChannelError(
                 "positions are in counts without a gain.",
                 where="gain",
-                advice="Give the position signal gain=... in rad or m per count, one value for all or one for each.",
+                advice="Give the position signal gain=... in rad or m per count, one value for all or one for each; or "
+                "its unit, where these are no counts.",
             )
         if (self.time is None) == (self.rate_hz is None):
             raise LogChannelError(
