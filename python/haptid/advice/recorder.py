@@ -115,6 +115,8 @@ def _stuck(x: Array) -> np.ndarray:
     step = float(moved.min()) if moved.size else 0.0
     least = max(STUCK_STEPS * step, STUCK * float(np.ptp(x)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]]))).reshape(-1, 2)
+    long = max(_LONG * len(x), 2 * _BESIDE)
+    bends, usual = _bends(x, still) if (np.diff(edges) > long).any() else (x[:0], np.inf)
     for start, stop in edges[np.diff(edges)[:, 0] >= _STILL].tolist():
         n = stop - start
         after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
@@ -123,7 +125,7 @@ def _stuck(x: Array) -> np.ndarray:
         at_speed = at_speed and not _slows_down(x[start::-1], n, step) and not _slows_down(x[stop:], n, step)
         # The motion on both sides goes on at its speed through the range, or the position jumps at its end.
         jumps = jump > max(least, 3 * abs(after) / n)
-        if at_speed or jumps or (n > _LONG * len(x) and _abrupt(x, start, stop, STUCK_STEPS * step)):
+        if at_speed or jumps or (n > long and _abrupt(bends, start, stop, max(_ABRUPT * usual, STUCK_STEPS * step))):
             made[start : stop + 1] = True
     return made
 
@@ -141,21 +143,29 @@ def _slows_down(x: Array, n: int, step: float) -> bool:
     return False
 
 
-def _abrupt(x: Array, start: int, stop: int, least: float) -> bool:
-    """Whether a position stops, or sets off, at once: by a change of speed that is none of the motion elsewhere.
+def _bends(x: Array, still: np.ndarray) -> tuple[Array, float]:
+    """How a position's travel over some samples differs from that over the next ones, and what is usual of its motion.
 
     Args:
         x: the position, (n,).
-        start, stop: samples between which it does not change.
-        least: travel over some samples that may be the encoder's steps.
+        still: samples after which it does not change, (n,).
     """
     bends = np.abs(x[2 * _BESIDE :] - 2 * x[_BESIDE:-_BESIDE] + x[: -2 * _BESIDE])
-    middle, reach = np.arange(len(bends)) + _BESIDE, 3 * _BESIDE  # a resampled log rings beside a corner
-    ends = (np.abs(middle - start) <= reach) | (np.abs(middle - stop) <= reach)
-    elsewhere = (middle < start - reach) | (middle > stop + reach)
-    if elsewhere.sum() < _FEWEST or not ends.any():
-        return False
-    return float(bends[ends].max()) > max(_ABRUPT * float(np.quantile(bends[elsewhere], _USUAL)), least)
+    moving = bends[~still[_BESIDE:-_BESIDE]]
+    return bends, float(np.quantile(moving, _USUAL)) if moving.size > _FEWEST else np.inf
+
+
+def _abrupt(bends: Array, start: int, stop: int, least: float) -> bool:
+    """Whether a position stops, or sets off, at once: by a change of speed that is none of the motion elsewhere.
+
+    Args:
+        bends: of the position.
+        start, stop: samples between which it does not change.
+        least: that is none of the motion, nor of the encoder's steps.
+    """
+    reach = 3 * _BESIDE  # a resampled log rings beside a corner
+    ends = [bends[max(at - _BESIDE - reach, 0) : max(at - _BESIDE + reach + 1, 0)] for at in (start, stop)]
+    return any(part.size and float(part.max()) > least for part in ends)
 
 
 def simulated_rows(
