@@ -17,7 +17,7 @@ from haptid.estimation.methods.motor_side import noise_of_rows
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.estimation.torque_uncertainty import other_motion
 from haptid.experiment import bench
-from haptid.simulation import Segments, smooth
+from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
 from haptid.treatment_choice.elasticity import noise_of_stiffness
 from haptid.treatment_choice.hidden_joints import (
@@ -43,10 +43,10 @@ def test_driven_joints_follow_the_closed_form_with_exact_slopes():
     motion = treated(log)
     smoothed, base = smooth(model, [motion], 1e-3), base_columns(model)
     beta = np.array([TRUTH[name] for name in model.base.names])
-    segments, inner = Segments.of(len(motion), len(motion), 0), slice(1000, -200)  # the start's transient has decayed
+    inner = slice(1000, -200)  # the start's transient has decayed
 
     def course(at: np.ndarray) -> DrivenCourse:
-        return DrivenJoints(smoothed, motion, segments, base).course(at)
+        return DrivenJoints(smoothed, motion, len(motion), base).course(at)
 
     made = course(beta)
     assert np.abs(made.c[1, inner] - motion.q[inner, 0]).max() < 20 * STEP
@@ -78,10 +78,9 @@ def test_segments_meet_as_one_with_its_slopes():
         ),
     )
     smoothed, base = smooth(model, [treated(log)], 1e-3), base_columns(model)
-    whole = Segments.of(len(t), len(t), 0)
-    torque = DrivenJoints(smoothed, treated(log), whole, base).apart(beta).torque[:2]
+    torque = DrivenJoints(smoothed, treated(log), len(t), base).apart(beta).torque[:2]
     made = treated(replace(log, torque=np.ascontiguousarray(torque.T / [1.0, 20.0])))
-    alone, many = (DrivenJoints(smoothed, made, segments, base) for segments in (whole, Segments.of(len(t), 200, 1)))
+    alone, many = (DrivenJoints(smoothed, made, length, base) for length in (len(t), 200))
     apart = [np.abs(many.course(beta).torque[:2] - torque).max() / np.abs(torque).max() for _ in range(4)]
     course, one = many.course(beta), alone.course(beta)
     assert apart[0] > 1e-4
@@ -276,7 +275,7 @@ def test_noise_at_reversals_counts_as_elsewhere():
     rows = haptid.observe(model, treated(still))
     beta = np.array([{**TRUTH, "FCM1": 0.3}[name] for name in model.base.names])
     density = np.array([1.0, 400.0]), np.full((2, 2), STEP**2 * DT)
-    (_, noise) = noise_of_rows(rows, beta, np.ones(2), [density])
+    (noise, _) = noise_of_rows(rows, beta, np.ones(2), [density])
     k, own = model.base.names.index("FCM1"), noise.sum(axis=0)
     assert own[model.base.names.index("FVM1"), model.base.names.index("FVM1")] > 0
     assert not own[k].any()

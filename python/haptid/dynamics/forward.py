@@ -214,9 +214,12 @@ class ForwardDynamics:
 
         Column k is the derivative by coordinate k.
         """
-        slopes = CoreChannels.of(self.model, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
-        by_c, by_cd, _ = np.moveaxis(slopes, (1, 3), (0, 1))
+        by_c, by_cd, _ = np.moveaxis(self.slopes(c, cd, cdd), (1, 3), (0, 1))
         return by_c, by_cd
+
+    def slopes(self, c: Array, cd: Array, cdd: Array) -> Array:
+        """Derivatives of the first set's inverse dynamics by the motion's parts, (n, 3, n, states)."""
+        return CoreChannels.of(self.model, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
 
     def stiffness(self, c: Array) -> float:
         """Largest damping rate of friction at rest, 1/s, over positions (n, states), for the first set.

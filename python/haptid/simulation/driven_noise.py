@@ -21,6 +21,8 @@ from haptid.simulation.driven import unloaded_joints
 
 # Poses of the motion, and frequencies up to the filter's cut-off, over which the noise is integrated.
 _POSES, _FREQUENCIES = 24, 600
+# Frequencies that are computed at once.
+_TOGETHER = 8
 # Times its cut-off from which on the parallel filter passes less than a thousandth.
 _BEYOND = 4.0
 
@@ -45,6 +47,8 @@ def noise_moments(
     model: DynamicModel, base: Array, beta: Array, motion: Motion, noise: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """What noise adds to a row's information, (n, p, p), and to its score with opposite sign, (n, p), by row of torque.
+
+    Nothing for rows without motor.
 
     Args:
         model: the dynamic model; dry friction that jumps has no slope, as in rows away from reversals. Smoothed, as it
@@ -71,26 +75,32 @@ def noise_moments(
     noisy = moved.any(axis=0) & density.any(axis=1)
     moved, density = moved[:, noisy], np.sqrt(density[noisy])
     parts = [_impedances(ForwardDynamics(model, base[:, k]), c, cd, cdd, B) for k in range(len(beta))]
-    K, D, M = (np.array(part).transpose(1, 0, 2, 3) for part in zip(*parts, strict=True))  # (poses, p, rows, joints)
-    n, p = len(B), len(beta)
+    by_beta = np.array(parts).transpose(2, 3, 0, 1, 4)  # (poses, rows, p, 3, joints)
+    poses, n, p = by_beta.shape[:3]
+    impedance = np.einsum("arkdj,k->darj", by_beta, beta)
+    every = np.ascontiguousarray(by_beta).reshape(poses, n * p, -1)
+    rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
     N, b = np.zeros((n, p, p)), np.zeros((n, p))
-    for w, weight, rms in zip(2 * np.pi * f, power, density.T, strict=True):
-        by_beta = K + 1j * w * D - w**2 * M
-        A = np.tensordot(by_beta, beta, (1, 0))
+    for part in np.array_split(np.arange(len(f)), -(-len(f) // _TOGETHER)):
+        s = (2j * np.pi * f[part])[:, None, None, None]
+        A = impedance[0] + s * impedance[1] + s**2 * impedance[2]
         own = B[:, unknown].T
-        back = np.linalg.inv(own @ A[:, :, unknown]) @ own  # motion of the unknown joints by torque of the rows
-        spread = moved * rms
-        v = np.zeros((len(samples), n, spread.shape[1]), dtype=complex)
-        v[:, known] = spread
-        v[:, unknown] = -back @ (A[:, :, known] @ spread)
-        direct = by_beta.reshape(len(samples), p * n, n) @ v
-        # (poses, rows, p, channels), what the unknown joints do about it added.
-        direct = direct.reshape(len(samples), p, n, -1).transpose(0, 2, 1, 3).reshape(len(samples), n, -1)
-        dH = direct - A[:, :, unknown] @ (back @ direct)
-        seen = _real(dH.reshape(len(samples), n, p, -1).transpose(1, 2, 0, 3).reshape(n, p, -1))
-        own_noise = _real((A @ v).transpose(1, 0, 2).reshape(n, 1, -1))
-        N += weight / len(samples) * seen @ seen.transpose(0, 2, 1)
-        b += weight / len(samples) * (seen @ own_noise.transpose(0, 2, 1))[:, :, 0]
+        back = np.linalg.inv(own @ A[..., unknown]) @ own  # motion of the unknown joints by torque of the rows
+        spread = moved * density[:, part].T[:, None, None]
+        v = np.zeros((len(part), poses, n, spread.shape[-1]), dtype=complex)
+        v[..., known, :] = spread
+        v[..., unknown, :] = -back @ (A[..., known] @ spread)
+        rates = np.concatenate([v, s * v, s**2 * v], axis=2)
+        direct = every @ np.concatenate([rates.real, rates.imag], axis=-1)
+        direct = direct[..., : v.shape[-1]] + 1j * direct[..., v.shape[-1] :]
+        # What the unknown joints do about it is added: (frequencies, poses, rows, p, channels).
+        through = np.eye(n)[rows] - A[..., rows, :][..., unknown] @ back
+        dH = (through @ direct.reshape(len(part), poses, n, -1)).reshape(len(part), poses, len(rows), p, -1)
+        weight = np.sqrt(power[part] / poses)[:, None, None, None, None]
+        seen = _real((weight * dH).transpose(2, 3, 0, 1, 4).reshape(len(rows), p, -1))
+        own_noise = weight * (A[..., rows, :] @ v)[..., None, :]
+        N[rows] += seen @ seen.transpose(0, 2, 1)
+        b[rows] += (seen @ _real(own_noise.transpose(2, 0, 1, 3, 4).reshape(len(rows), -1))[..., None])[..., 0]
     return N, b
 
 
@@ -99,7 +109,6 @@ def _real(x: np.ndarray) -> Array:
     return np.concatenate([x.real, x.imag], axis=-1)
 
 
-def _impedances(forward: ForwardDynamics, c: Array, cd: Array, cdd: Array, B: Array) -> tuple[Array, Array, Array]:
-    """Derivatives of the rows' torque by positions, velocities and accelerations of the joints, (poses, n, n)."""
-    by_c, by_cd = forward.gradients(c, cd, cdd)
-    return by_c @ B, by_cd @ B, forward.mass(c) @ B
+def _impedances(forward: ForwardDynamics, c: Array, cd: Array, cdd: Array, B: Array) -> Array:
+    """Derivatives of the rows' torque by positions, velocities and accelerations of the joints, (3, poses, n, n)."""
+    return np.asarray(forward.slopes(c, cd, cdd).transpose(1, 3, 0, 2) @ B)

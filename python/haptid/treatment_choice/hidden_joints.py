@@ -25,14 +25,12 @@ from haptid.errors import (
 )
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.estimation.methods.motor_side import MotorSide
-from haptid.estimation.methods.simulation_based import base_columns
 from haptid.log import Log
 from haptid.motion.channels import position_channels
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
-from haptid.simulation.driven import DrivenJoints
 from haptid.treatment_choice.delay_estimate import usual_delay
 from haptid.treatment_choice.elasticity import expect_stiffness_of_motors, hidden_stiffness, noise_of_stiffness
 from haptid.treatment_choice.motion_filters import MotionFilters
@@ -167,7 +165,7 @@ def _with_delays(model: DynamicModel, logs: Sequence[Log], found: Estimate) -> E
             return found
         treatment = replace(found.observation.motions[0].treatment, torque_delay_s=delays.setting)
         initial = dict(zip(found.names, delays.beta.tolist(), strict=True))
-        found = estimate(_rows(model, logs, treatment), MotorSide(initial=initial, delays=True))
+        found = estimate(_rows(model, logs, treatment), MotorSide(initial=initial, delays=True, near=found.fit))
     raise ConvergenceError(
         f"the delay of the torque and the parameters do not settle within {_DELAYS} passes.",
         where="torque_delay_s",
@@ -278,10 +276,8 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
     model, method = found.model, found.method
     assert isinstance(method, MotorSide)
     motion = treat(log, replace(treatment, torque_delay_s=0.0))  # a delay would shift the positions
-    base = base_columns(model)
-    joints = DrivenJoints(smooth(model, [motion], method.friction), motion, method.segments(motion), base)
-    for _ in range(3):  # its segments meet
-        course = joints.course(found.beta)
+    joints = method.joints(smooth(model, [motion], method.friction), motion)
+    course = joints.met(found.beta)
     made = np.array(log.position)
     hidden = [k for k, name in enumerate(log.channels.position.channels) if name.endswith(_SIMULATED)]
     made[:, hidden] = np.linalg.solve(model.device.row_map, course.c)[joints.unknown].T

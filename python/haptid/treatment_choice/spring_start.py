@@ -19,13 +19,13 @@ from haptid.errors import SimulationError
 from haptid.estimation import Estimate
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.motion.motion import Motion
-from haptid.simulation import Segments, smooth
+from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints, SegmentCourses
 
 # Frequencies of the links on their springs that a fit begins with, over the motion's bandwidth; the first two that end
 # at one misfit are enough.
 _TRIED = (1.0, 2.0, 4.0, 0.5)
-_SAME = 0.01
+_SAME = 0.02
 # Logarithm of a fit's frequency over the measured one that it began with, up to which it has stayed there.
 _STAYS = 0.4
 # Damping ratio to begin with, and the rotors' inertia over that of the links.
@@ -33,8 +33,8 @@ _DAMPING, _ROTOR = 0.03, 0.1
 # Least eigenvalue of the links' mass matrix, over the largest: that of a rigid fit need not be positive.
 _LEAST_MASS = 1e-2
 # Length of a segment, periods of the bandwidth, and its fewest steps. Steps in a period of the bandwidth, at least: ten
-# in one of the highest frequency that a fit begins with.
-_PERIODS, _LEAST, _PER_PERIOD = 1.5, 20, 40
+# in one of the second frequency that a fit begins with, and five in one of the highest.
+_PERIODS, _LEAST, _PER_PERIOD = 1.5, 20, 20
 # Most steps, the least relative fall of the misfit in one, and how Marquardt's parameter begins, falls, rises and ends.
 _STEPS, _FALL = 40, 1e-3
 _MARQUARDT, _LOWER, _RAISE, _LARGEST = 1e-2, 0.2, 10.0, 1e6
@@ -108,26 +108,29 @@ def spring_start(
     """
     every = max(1, int(1 / (_PER_PERIOD * bandwidth * motion.dt)))
     length = max(_LEAST, round(_PERIODS / bandwidth / (every * motion.dt)))
-    segments = Segments.of(-(-len(motion) // every), length, 1)
-    joints = DrivenJoints(smooth(model, [motion], friction), motion, segments, base_columns(model), every)
-    best: SpringStart | None = None
+    length = min(length, -(-len(motion) // every))
+    joints = DrivenJoints(smooth(model, [motion], friction), motion, length, base_columns(model), every)
+    best: _Fit | None = None
     failed: SimulationError | None = None
     starts = [np.full(len(model.device.elastic), times * bandwidth) for times in _TRIED]
     for frequencies in starts if measured is None else [measured, *starts]:
         try:
-            fit = _fitted(joints, _rigid_links(joints, rigid, frequencies))
+            fit = _fitted(joints, _rigid_links(joints, rigid, frequencies), best)
         except SimulationError as error:
             failed = error
             continue
-        found = SpringStart(fit.beta, fit.misfit, _frequencies(joints, fit.beta))
-        same = best is not None and abs(found.misfit - best.misfit) < _SAME * best.misfit
-        best = found if best is None or found.misfit < best.misfit else best
-        if same or (frequencies is measured and bool((np.abs(np.log(found.frequencies / measured)) < _STAYS).all())):
+        same = best is not None and abs(fit.misfit - best.misfit) < _SAME * best.misfit
+        best = fit if best is None or fit.misfit < best.misfit else best
+        if same:
             break
+        if frequencies is measured:
+            away = np.abs(np.log(_frequencies(joints, fit.beta) / measured))
+            if bool((away < _STAYS).all()):
+                break
     if best is None:
         assert failed is not None
         raise failed
-    return best
+    return SpringStart(best.beta, best.misfit, _frequencies(joints, best.beta))
 
 
 def _rigid_links(joints: DrivenJoints, rigid: Estimate, frequencies: Array) -> Array:
@@ -178,8 +181,11 @@ def _springs(joints: DrivenJoints, beta: Array) -> Iterator[tuple[str, float, li
         yield drive.name, float(1 / (rates @ np.linalg.solve(M, rates))), own
 
 
-def _fitted(joints: DrivenJoints, beta: Array) -> _Fit:
-    """Parameters and beginnings with the least misfit, by Marquardt's steps from these parameters."""
+def _fitted(joints: DrivenJoints, beta: Array, known: _Fit | None) -> _Fit:
+    """Parameters and beginnings with the least misfit, by Marquardt's steps from these parameters.
+
+    It ends where steps come to a fit that is known: with nearly its misfit, and frequencies of the links.
+    """
     size = np.maximum(joints.measured[joints.motors].std(axis=1), np.finfo(float).tiny)
     best = _normal(joints, joints.apart(beta), beta, size)
     marquardt = _MARQUARDT
@@ -195,9 +201,17 @@ def _fitted(joints: DrivenJoints, beta: Array) -> _Fit:
                 break
             continue
         small, best, marquardt = fit.misfit > (1 - _FALL) * best.misfit, fit, marquardt * _LOWER
-        if small and marquardt < _MARQUARDT:
+        if (small and marquardt < _MARQUARDT) or (known and _reaches(joints, best, known)):
             break
     return best
+
+
+def _reaches(joints: DrivenJoints, fit: _Fit, known: _Fit) -> bool:
+    """Whether a fit is near one that is known."""
+    if not abs(fit.misfit - known.misfit) < _SAME * known.misfit:
+        return False
+    away = np.log(_frequencies(joints, fit.beta) / _frequencies(joints, known.beta))
+    return bool((np.abs(away) < _SAME).all())
 
 
 def _normal(joints: DrivenJoints, made: SegmentCourses, beta: Array, size: Array) -> _Fit:
@@ -211,11 +225,10 @@ def _normal(joints: DrivenJoints, made: SegmentCourses, beta: Array, size: Array
     error = (joints.measured - made.torque)[rows] / size[:, None]
     p = len(beta)
     G, g, parts = np.zeros((p, p)), np.zeros(p), []
-    for k, own in enumerate(joints.segments.own.T):
-        samples = joints.segments.sample[own, k]
-        part = slice(samples[0], samples[-1] + 1)
+    for sample in joints.begins:
+        part = slice(sample, sample + joints.length)
         by_begin, by_beta = (
-            (x[rows, :, part] / size[:, None, None]).transpose(0, 2, 1).reshape(-1, x.shape[1])
+            (x[:, :, part] / size[:, None, None]).transpose(0, 2, 1).reshape(-1, x.shape[1])
             for x in (made.by_begin, made.by_beta)
         )
         e = error[:, part].ravel()

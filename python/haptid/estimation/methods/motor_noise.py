@@ -10,12 +10,12 @@ from haptid._internal.arrays import Array
 from haptid.estimation.estimate import Estimate
 from haptid.estimation.method import Fit
 from haptid.estimation.methods.motor_side import MotorSide
-from haptid.estimation.methods.simulation_based import Linearised, base_columns, linearised_observation
+from haptid.estimation.methods.simulation_based import Linearised, linearised_observation
 from haptid.log.lattice import lattices
 from haptid.log.spectrum import spectra
 from haptid.motion.motion import Motion, with_delay, with_positions
+from haptid.observation.observation import stacked
 from haptid.simulation import smooth
-from haptid.simulation.driven import DrivenJoints
 
 # Share of the correction for the encoders' noise within which it is known.
 _KNOWN = 0.3
@@ -31,8 +31,6 @@ DELAY_KNOWN = (
     "Intervals take the torque's delay as known, since it is given: a tenth of a millisecond may move a viscous "
     "friction by a tenth. Leave torque_delay_s out, and it is estimated with the parameters."
 )
-# Passes until segments along other positions meet.
-_PASSES = 3
 
 
 def with_noise_uncertainty(fitted: Estimate) -> Estimate:
@@ -83,22 +81,19 @@ def _by_rounding(fitted: Estimate) -> Array:
     method, observation = fitted.method, fitted.observation
     assert isinstance(method, MotorSide)
     rows = replace(observation, motors=fitted.fit.observation.motors)
-    smoothed, base = smooth(fitted.model, observation.motions, method.friction), base_columns(fitted.model)
-    parts: list[list[Linearised]] = []
+    smoothed = smooth(fitted.model, observation.motions, method.friction)
+    parts, p = list[Linearised](), len(fitted.beta)
     for motion in observation.motions:
         unrounded, *rounded = _rounded(motion)
-        along = DrivenJoints(smoothed, unrounded, method.segments(motion), base)
-        for _ in range(_PASSES):
-            plain = along.course(fitted.beta)
+        along = method.joints(smoothed, unrounded)
+        plain = along.met(fitted.beta)
         along.measured = plain.torque
-        made = (along.at(moved).course(fitted.beta) for moved in rounded)
-        parts.append([Linearised(motion, plain.torque - one.torque, plain.slope) for one in made])
-    scores = np.zeros((len(parts[0]), len(fitted.beta)))
-    for score, own in zip(scores, zip(*parts, strict=True), strict=True):
-        changed = linearised_observation(rows, np.zeros(len(fitted.beta)), own, [motor.unit for motor in rows.motors])
-        W = changed.stack(fitted.fit.weights)
-        score[:] = W[:, :-1].T @ W[:, -1]
-    return scores
+        slopes = np.concatenate([plain.slope, -along.responses(fitted.beta, rounded)], axis=1)
+        parts.append(Linearised(motion, np.zeros((len(slopes), len(motion))), slopes, along.names))
+    columns = parts[0].slope.shape[1]
+    changed = linearised_observation(rows, np.zeros(columns), parts, [motor.unit for motor in rows.motors])
+    W = stacked(changed.motors, fitted.fit.weights, columns)
+    return np.asarray(W[:, p:columns].T @ W[:, :p])
 
 
 def _rounded(motion: Motion) -> list[Motion]:

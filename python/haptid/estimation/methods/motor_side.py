@@ -27,7 +27,7 @@ from haptid.motion.channels import channel_shares, channel_torque
 from haptid.motion.motion import Motion
 from haptid.motion.streaming import filtered
 from haptid.observation.observation import Observation
-from haptid.simulation import Segments, smooth
+from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
 from haptid.simulation.driven_noise import noise_density, noise_moments
 
@@ -43,10 +43,12 @@ class MotorFit(Fit):
     """A fit whose rows have columns of the torque channels' delays as well.
 
     Attributes:
+        joints: of each motion, as they were simulated last.
         wide: the rows, with the rate of each channel's torque behind the columns of the base parameters: R factors of
             [J D y] by motor and block, with the same weights; y - J beta = D times what is missing of the delay.
     """
 
+    joints: tuple[DrivenJoints, ...]
     wide: Observation
 
 
@@ -67,6 +69,7 @@ class MotorSide(SimulationBased):
         run_in: not used, because segments meet.
         delays: whether the delay of the torque was estimated from the same rows, so that it is uncertain: the fit is a
             `MotorFit`.
+        near: a `MotorFit` of motions nearby, at whose links' motion the simulation begins.
     """
 
     weighting: Method = field(default_factory=WLS)
@@ -75,13 +78,14 @@ class MotorSide(SimulationBased):
     tolerance: float = 0.3
     segment: float = 0.25
     delays: bool = False
+    near: Fit | None = None
     _joints: dict[int, DrivenJoints] = field(default_factory=dict, init=False, repr=False, compare=False)
     _courses: list[DrivenCourse] = field(default_factory=list, init=False, repr=False, compare=False)
 
-    def segments(self, motion: Motion) -> Segments:
-        """Of one motion; each begins at the last sample of the one before."""
-        samples = len(motion.unbroken("a method that simulates"))
-        return Segments.of(samples, max(1, round(self.segment / motion.dt)), 1)
+    def joints(self, smoothed: DynamicModel, motion: Motion) -> DrivenJoints:
+        """Of one motion, in segments that meet."""
+        length = max(1, min(round(self.segment / motion.dt), len(motion.unbroken("a method that simulates"))))
+        return DrivenJoints(smoothed, motion, length, base_columns(smoothed))
 
     def settled(self) -> bool:
         """Whether segments meet: until then, parameters may hardly move far from the least squares."""
@@ -135,18 +139,21 @@ class MotorSide(SimulationBased):
         self._courses.clear()
         for place, motion in enumerate(observation.motions):
             if place not in self._joints:
-                base = base_columns(observation.model)
-                self._joints[place] = DrivenJoints(smoothed, motion, self.segments(motion), base)
+                self._joints[place] = self.joints(smoothed, motion)
+                if isinstance(self.near, MotorFit):
+                    self._joints[place].begin_as(self.near.joints[place])
             self._courses.append(self._joints[place].course(beta))
         return self._linearised(observation, beta, [course.slope for course in self._courses])
 
     def _linearised(self, observation: Observation, values: Array, slopes: Sequence[Array]) -> Observation:
-        """Rows of the motors' torque along the last simulation, each motion with slopes, (n, columns, samples)."""
-        parts = []
+        """Rows of the motors' torque along the last simulation, each motion with slopes, (motors, columns, samples)."""
+        parts, device = [], observation.model.device
         for place, (motion, slope) in enumerate(zip(observation.motions, slopes, strict=True)):
-            measured = _behind_position_filter(motion, self._joints[place].measured)
-            parts.append(Linearised(motion, measured - self._courses[place].torque, slope))
-        idle = [drive.name for drive in observation.model.device.drives if drive.unloaded]
+            joints = self._joints[place]
+            measured = _behind_position_filter(motion, joints.measured)
+            error = (measured - self._courses[place].torque)[joints.motors]
+            parts.append(Linearised(motion, error, slope, joints.names))
+        idle = [drive.name for drive in device.drives if drive.unloaded]
         motors = tuple(motor for motor in observation.motors if motor.name not in idle)
         rows = replace(observation, motors=motors)
         return linearised_observation(rows, values, parts, [motor.unit for motor in motors])
@@ -154,13 +161,16 @@ class MotorSide(SimulationBased):
     def _with_delays(self, observation: Observation, found: Fit, beta: Array) -> MotorFit:
         """A fit with columns of the delays, from the last simulation, that with parameters `beta`."""
         rates = [
-            self._joints[place].beside_start(course, _torque_rates(observation.model.device, motion, course))
+            self._joints[place].beside_start(
+                course, _torque_rates(observation.model.device, motion, course)[self._joints[place].motors]
+            )
             for place, (motion, course) in enumerate(zip(observation.motions, self._courses, strict=True))
         ]
         values = np.append(beta, np.zeros(rates[0].shape[1]))
         slopes = [np.concatenate([own.slope, rate], axis=1) for own, rate in zip(self._courses, rates, strict=True)]
         wide = self._linearised(observation, values, slopes)
-        return MotorFit(**{own.name: getattr(found, own.name) for own in fields(found)}, wide=wide)
+        joints = tuple(self._joints[place] for place in range(len(observation.motions)))
+        return MotorFit(**{own.name: getattr(found, own.name) for own in fields(found)}, joints=joints, wide=wide)
 
 
 def _torque_rates(device: Device, motion: Motion, course: DrivenCourse) -> Array:

@@ -293,17 +293,19 @@ def simulate_along(observation: Observation, motions: list[Motion]) -> Observati
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A simulation linearised in the base parameters, at every sample of a motion and for every row of the device.
+    """A simulation linearised in the base parameters, at every sample of a motion, for rows of the device.
 
     Attributes:
         motion: that was simulated.
         error: measured less simulated, (n, samples), SI.
         slope: derivatives of the simulated quantity by base parameters, (n, p, samples).
+        rows: names of the n rows; all of the device where None.
     """
 
     motion: Motion
     error: Array
     slope: Array
+    rows: Sequence[str] | None = None
 
 
 def linearised_observation(
@@ -332,7 +334,8 @@ def linearised_observation(
 
 def _block_rows(observation: Observation, part: Linearised) -> Iterator[tuple[int, tuple[Array, Array]]]:
     """Of every block of one motion in the observation: its index, J (motors, rows, p), and errors."""
-    own = [observation.model.device.row_names.index(motor.name) for motor in observation.motors]
+    names = list(part.rows or observation.model.device.row_names)
+    own = [names.index(motor.name) for motor in observation.motors]
     plan, d = Plan.of(observation.model, part.motion), part.motion.treatment.decimation
     index = {block: k for k, block in enumerate(observation.blocks)}
     starts = pairwise([*range(0, plan.rows, plan.block), plan.rows])
