@@ -19,6 +19,7 @@ from haptid.estimation.torque_uncertainty import other_motion
 from haptid.experiment import bench
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
+from haptid.simulation.driven_noise import MotionNoise
 from haptid.treatment_choice.elasticity import noise_of_stiffness
 from haptid.treatment_choice.hidden_joints import (
     _followed,
@@ -274,8 +275,8 @@ def test_noise_at_reversals_counts_as_elsewhere():
     still = replace(log, position=np.ascontiguousarray(np.repeat(log.position[2000:2001], len(log.t), axis=0)))
     rows = haptid.observe(model, treated(still))
     beta = np.array([{**TRUTH, "FCM1": 0.3}[name] for name in model.base.names])
-    density = np.array([1.0, 400.0]), np.full((2, 2), STEP**2 * DT)
-    (noise, _) = noise_of_rows(rows, beta, np.ones(2), [density])
+    source = MotionNoise(np.array([1.0, 400.0]), np.full((2, 2), STEP**2 * DT))
+    (noise, _), _ = noise_of_rows(rows, beta, np.ones(2), [source])
     k, own = model.base.names.index("FCM1"), noise.sum(axis=0)
     assert own[model.base.names.index("FVM1"), model.base.names.index("FVM1")] > 0
     assert not own[k].any()

@@ -3,10 +3,13 @@
 Near the resonance of a link on its spring the predicted torque amplifies such noise, and a fit would choose parameters
 that amplify less: too much damping, another stiffness. At a pose, for small noise, the torque is a linear filter H of
 the positions' noise, and E(J'e) = -integral of S Re(dH* H) is what it adds to the score, E(J'J) = integral of
-S Re(dH* dH) to the information. Source: Nakamura (1990), Biometrika 77(1), of corrected scores.
+S Re(dH* dH) to the information. Where the feedback is known (`loop`), that noise and the torque's own move the motors
+around it. Source: Nakamura (1990), Biometrika 77(1), of corrected scores.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from haptid.log.spectrum import spectra
 from haptid.motion.channels import coordinates, position_map
 from haptid.motion.motion import Motion
 from haptid.simulation.driven import unloaded_joints
+from haptid.simulation.loop import Loop, loop_of
 
 # Poses of the motion, and frequencies up to the filter's cut-off, over which the noise is integrated.
 _POSES, _FREQUENCIES = 24, 600
@@ -27,28 +31,56 @@ _TOGETHER = 8
 _BEYOND = 4.0
 
 
-def noise_density(motion: Motion) -> tuple[Array, Array]:
-    """Frequencies, (bins,), Hz, and density of the encoders' noise, (channels, bins), rad^2/Hz or m^2/Hz.
+@dataclass(frozen=True, eq=False)
+class MotionNoise:
+    """Noise of one motion.
 
-    Of an encoder whose step is known, that of rounding; white of others.
-
-    Args:
-        motion: of a log.
+    Attributes:
+        f, density: frequencies, (bins,), Hz, and density of the encoders' noise, (channels, bins), rad^2/Hz or m^2/Hz.
+        loop: the feedback through which noise moves the motors; None where it is not known.
     """
-    assert motion.log is not None
-    dt, own = float(motion.log.dt), spectra(motion.log)
-    steps = np.array([spectrum.step or spectrum.recorded for spectrum in own])
-    f, density = rounding_density(np.asarray(motion.q[:]), steps, dt)
-    white = np.array([0.0 if step else 2 * dt * spectrum.white(dt) for step, spectrum in zip(steps, own, strict=True)])
-    return f, density + white[:, None]
+
+    f: Array
+    density: Array
+    loop: Loop | None = None
+
+    @staticmethod
+    def of(model: DynamicModel, motion: Motion) -> MotionNoise:
+        """Of an encoder whose step is known, that of rounding; white of others.
+
+        Args:
+            model: the dynamic model.
+            motion: of a log.
+        """
+        assert motion.log is not None
+        dt, own = float(motion.log.dt), spectra(motion.log)
+        steps = np.array([spectrum.step or spectrum.recorded for spectrum in own])
+        f, density = rounding_density(np.asarray(motion.q[:]), steps, dt)
+        white = [0.0 if step else 2 * dt * spectrum.white(dt) for step, spectrum in zip(steps, own, strict=True)]
+        return MotionNoise(f, density + np.array(white)[:, None], loop_of(model, motion))
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseMoments:
+    """What noise adds to moments of one row of each motor, behind the filters of the rows.
+
+    Attributes:
+        information: to that on the parameters, (motors, p, p).
+        score, late: to the scores of parameters and of the rate of the row's torque, with opposite sign, (motors, p)
+            and (motors,).
+        error: to the square of the row's error, (motors,).
+    """
+
+    information: Array
+    score: Array
+    late: Array
+    error: Array
 
 
 def noise_moments(
-    model: DynamicModel, base: Array, beta: Array, motion: Motion, noise: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """What noise adds to a row's information, (n, p, p), and to its score with opposite sign, (n, p), by row of torque.
-
-    Nothing for rows without motor.
+    model: DynamicModel, base: Array, beta: Array, motion: Motion, noise: MotionNoise, squares: Array
+) -> NoiseMoments:
+    """What noise of the encoders and of the torque adds to moments of rows.
 
     Args:
         model: the dynamic model; dry friction that jumps has no slope, as in rows away from reversals. Smoothed, as it
@@ -57,7 +89,9 @@ def noise_moments(
         base: maps base parameters to the core's columns, (r, p).
         beta: base parameters, (p,).
         motion: of all joints; its filters are those that the noise passes.
-        noise: its frequencies and density, as `noise_density` gives them.
+        noise: of the motion.
+        squares: mean square of each motor's error in rows, (motors,), SI; what the encoders do not explain of it is
+            noise of the torque, and where the feedback is known, its part that was not read with the torque moves.
     """
     device, dt = model.device, motion.dt
     taps = motion.treatment.taps(dt)
@@ -65,7 +99,7 @@ def noise_moments(
     f = (np.arange(_FREQUENCIES) + 0.5) * highest / _FREQUENCIES
     passed = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(len(taps))) * dt) @ taps) ** 2
     power = highest / _FREQUENCIES * passed
-    density = np.array([np.interp(f, noise[0], own) for own in noise[1]])
+    density = np.array([np.interp(f, noise.f, own) for own in noise.density])
     low, high = motion.usable
     samples = np.linspace(low, high - 1, _POSES + 2).astype(int)[1:-1]
     c, cd, cdd = (np.ascontiguousarray(x[:, samples - low]) for x in coordinates(device, motion, low, high))
@@ -80,13 +114,20 @@ def noise_moments(
     impedance = np.einsum("arkdj,k->darj", by_beta, beta)
     every = np.ascontiguousarray(by_beta).reshape(poses, n * p, -1)
     rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
-    N, b = np.zeros((n, p, p)), np.zeros((n, p))
+    own, motors, loop = B[:, unknown].T, np.arange(len(rows)), noise.loop
+    # By the encoders, and by torque of unit density.
+    N, b, late, error = np.zeros((len(rows), p, p)), np.zeros((len(rows), p)), np.zeros(len(rows)), np.zeros(len(rows))
+    by_torque, late_by_torque = np.zeros_like(b), np.zeros_like(late)
     for part in np.array_split(np.arange(len(f)), -(-len(f) // _TOGETHER)):
         s = (2j * np.pi * f[part])[:, None, None, None]
         A = impedance[0] + s * impedance[1] + s**2 * impedance[2]
-        own = B[:, unknown].T
         back = np.linalg.inv(own @ A[..., unknown]) @ own  # motion of the unknown joints by torque of the rows
-        spread = moved * density[:, part].T[:, None, None]
+        through = np.eye(n)[rows] - A[..., rows, :][..., unknown] @ back
+        Z = through @ A[..., known]  # torque of the motors by their motion
+        read = np.broadcast_to(moved * density[:, part].T[:, None, None], (*Z.shape[:2], *moved.shape))
+        # Where motors and feedback are known, noise of the encoders moves the motors too, and so does that of torque.
+        G = np.linalg.inv(Z + loop.at(s.ravel())[:, None]) if loop else np.zeros((*Z.shape[:2], len(known), 0))
+        spread = np.concatenate([G @ (Z @ read) if loop else read, G], axis=-1)
         v = np.zeros((len(part), poses, n, spread.shape[-1]), dtype=complex)
         v[..., known, :] = spread
         v[..., unknown, :] = -back @ (A[..., known] @ spread)
@@ -94,14 +135,22 @@ def noise_moments(
         direct = every @ np.concatenate([rates.real, rates.imag], axis=-1)
         direct = direct[..., : v.shape[-1]] + 1j * direct[..., v.shape[-1] :]
         # What the unknown joints do about it is added: (frequencies, poses, rows, p, channels).
-        through = np.eye(n)[rows] - A[..., rows, :][..., unknown] @ back
         dH = (through @ direct.reshape(len(part), poses, n, -1)).reshape(len(part), poses, len(rows), p, -1)
-        weight = np.sqrt(power[part] / poses)[:, None, None, None, None]
-        seen = _real((weight * dH).transpose(2, 3, 0, 1, 4).reshape(len(rows), p, -1))
-        own_noise = weight * (A[..., rows, :] @ v)[..., None, :]
-        N[rows] += seen @ seen.transpose(0, 2, 1)
-        b[rows] += (seen @ _real(own_noise.transpose(2, 0, 1, 3, 4).reshape(len(rows), -1))[..., None])[..., 0]
-    return N, b
+        weight, channels = np.sqrt(power[part] / poses)[:, None, None, None], read.shape[-1]
+        seen = _real((weight[..., None] * dH[..., :channels]).transpose(2, 3, 0, 1, 4).reshape(len(rows), p, -1))
+        missed, rate = (weight * x for x in (Z @ read, s * (Z @ spread[..., :channels])))
+        N += seen @ seen.transpose(0, 2, 1)
+        b += (seen @ _real(missed.transpose(2, 0, 1, 3).reshape(len(rows), -1))[..., None])[..., 0]
+        late += np.sum((rate * missed.conj()).real, axis=(0, 1, 3))
+        error += np.sum(np.abs(missed) ** 2, axis=(0, 1, 3))
+        if loop:
+            moving, rate = dH[:, :, motors, :, channels + motors].real, np.diagonal(s * (Z @ G), axis1=2, axis2=3).real
+            by_torque += np.einsum("f,rfap->rp", power[part] / poses, moving)
+            late_by_torque += np.einsum("f,far->r", power[part] / poses, rate)
+    if loop:
+        torque = np.maximum((squares - error) / np.sum(power) - loop.rest, 0.0)
+        b, late = b + torque[:, None] * by_torque, late + torque * late_by_torque
+    return NoiseMoments(N, b, late, error)
 
 
 def _real(x: np.ndarray) -> Array:

@@ -2,8 +2,8 @@
 
 A spring and a delay turn the torque's phase alike where motion is slow, and friction and damping of motors go with the
 delay. The rate of each channel's torque along the last simulation is one more column, and its coefficient what is
-missing of the delay. What noise of the motors' positions adds to the columns of the parameters is subtracted; it has no
-part in the delay's score, because a derivative of noise is orthogonal to it.
+missing of the delay. What noise adds to the columns of the parameters is subtracted, and what it adds to the delay's
+score: nothing as long as it does not move the motors, because a derivative of noise is orthogonal to it.
 """
 
 from __future__ import annotations
@@ -120,4 +120,5 @@ def _normal_equations(fit: MotorFit, beta: Array) -> tuple[Array, Array]:
             N = (weight / fit.weights[k]) ** 2 * fit.noise[k]
             A[:, :p, :p] -= N[:, :-1, :-1]
             s[:, :p] -= N[:, :-1, -1] - N[:, :-1, :-1] @ beta
+            s[:, p:] += (weight / fit.weights[k]) ** 2 * fit.late[k]
     return A, s

@@ -25,11 +25,11 @@ from haptid.estimation.methods.simulation_based import (
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import channel_shares, channel_torque
 from haptid.motion.motion import Motion
-from haptid.motion.streaming import filtered
 from haptid.observation.observation import Observation
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
-from haptid.simulation.driven_noise import noise_density, noise_moments
+from haptid.simulation.driven_noise import MotionNoise, noise_moments
+from haptid.simulation.loop import behind_position_filter
 
 # Of logs whose encoders hide parameters.
 _ADVICE = (
@@ -44,11 +44,14 @@ class MotorFit(Fit):
 
     Attributes:
         joints: of each motion, as they were simulated last.
+        late: what noise adds to the score of each channel's delay, with opposite sign, of weighted rows,
+            (motors, blocks, channels).
         wide: the rows, with the rate of each channel's torque behind the columns of the base parameters: R factors of
             [J D y] by motor and block, with the same weights; y - J beta = D times what is missing of the delay.
     """
 
     joints: tuple[DrivenJoints, ...]
+    late: Array
     wide: Observation
 
 
@@ -106,14 +109,14 @@ class MotorSide(SimulationBased):
         rows = super(MotorSide, own).rows(observation)
         smoothed = smooth(observation.model, observation.motions, self.friction)
         beta = solve(rows, self.weights(rows)).beta
-        density = [noise_density(motion) if motion.log else None for motion in observation.motions]
+        sources = [MotionNoise.of(observation.model, motion) if motion.log else None for motion in observation.motions]
         for number in range(self.most):
             weights = self.weights(rows)
-            noise = noise_of_rows(rows, beta, weights, density)
+            noise, late = noise_of_rows(rows, beta, weights, sources)
             found = noise_corrected(rows, weights, noise, _ADVICE)
             moved = np.abs(found.solution.beta - beta) / np.sqrt(np.diag(ClusterRobust().spread(found).covariance))
             if moved.max() <= self.tolerance:
-                return own._with_delays(observation, found, beta) if self.delays else found
+                return own._with_delays(observation, found, beta, late) if self.delays else found
             beta = found.solution.beta if number < FULL_STEPS else 0.5 * (beta + found.solution.beta)
             rows = rows_of(self.weighting, own.linearised_rows(observation, smoothed, beta))
         worst = int(np.argmax(moved))
@@ -150,7 +153,7 @@ class MotorSide(SimulationBased):
         parts, device = [], observation.model.device
         for place, (motion, slope) in enumerate(zip(observation.motions, slopes, strict=True)):
             joints = self._joints[place]
-            measured = _behind_position_filter(motion, joints.measured)
+            measured = behind_position_filter(motion, joints.measured)
             error = (measured - self._courses[place].torque)[joints.motors]
             parts.append(Linearised(motion, error, slope, joints.names))
         idle = [drive.name for drive in device.drives if drive.unloaded]
@@ -158,19 +161,22 @@ class MotorSide(SimulationBased):
         rows = replace(observation, motors=motors)
         return linearised_observation(rows, values, parts, [motor.unit for motor in motors])
 
-    def _with_delays(self, observation: Observation, found: Fit, beta: Array) -> MotorFit:
+    def _with_delays(self, observation: Observation, found: Fit, beta: Array, late: Array) -> MotorFit:
         """A fit with columns of the delays, from the last simulation, that with parameters `beta`."""
-        rates = [
-            self._joints[place].beside_start(
-                course, _torque_rates(observation.model.device, motion, course)[self._joints[place].motors]
-            )
-            for place, (motion, course) in enumerate(zip(observation.motions, self._courses, strict=True))
-        ]
+        rates, shares = list[Array](), list[Array]()
+        for place, (motion, course) in enumerate(zip(observation.motions, self._courses, strict=True)):
+            joints = self._joints[place]
+            columns = _torque_rates(observation.model.device, motion, course)[joints.motors]
+            own = np.gradient(course.torque[joints.motors], float(motion.dt), axis=1)[:, None]
+            shares.append(np.sum(columns * own, axis=2) / np.maximum(np.sum(own**2, axis=2), np.finfo(float).tiny))
+            rates.append(joints.beside_start(course, columns))
         values = np.append(beta, np.zeros(rates[0].shape[1]))
         slopes = [np.concatenate([own.slope, rate], axis=1) for own, rate in zip(self._courses, rates, strict=True)]
         wide = self._linearised(observation, values, slopes)
-        joints = tuple(self._joints[place] for place in range(len(observation.motions)))
-        return MotorFit(**{own.name: getattr(found, own.name) for own in fields(found)}, joints=joints, wide=wide)
+        simulated = tuple(self._joints[place] for place in range(len(observation.motions)))
+        scores = late[:, :, None] * np.mean(shares, axis=0)[:, None]
+        plain = {own.name: getattr(found, own.name) for own in fields(found)}
+        return MotorFit(**plain, joints=simulated, late=scores, wide=wide)
 
 
 def _torque_rates(device: Device, motion: Motion, course: DrivenCourse) -> Array:
@@ -183,46 +189,44 @@ def _torque_rates(device: Device, motion: Motion, course: DrivenCourse) -> Array
     return np.asarray(shares.transpose(2, 1, 0) * rates)
 
 
-def _behind_position_filter(motion: Motion, torque: Array) -> Array:
-    """Torque, (n, samples), behind the filter that the positions of a motion passed.
-
-    What it removes of the motion would be missing in the simulated torque alone: with a cut-off at 1.2 times the
-    highest frequency a damping came out a sixth too small.
-    """
-    if motion.log is None or motion.treatment.cutoff_hz is None:
-        return torque
-    widest = replace(motion.treatment, cutoff_hz=float(np.max(motion.treatment.cutoff_hz)))
-    sections = widest.position_filter(float(motion.dt))
-    assert sections is not None
-    return np.ascontiguousarray(filtered(np.ascontiguousarray(torque.T), sections, motion.log.segments).T)
-
-
 def noise_of_rows(
     rows: Observation,
     beta: Array,
     weights: Array,
-    density: Sequence[tuple[Array, Array] | None],
-) -> list[Array]:
-    """Expected squares of the encoders' noise in weighted rows, of each motor (blocks, p + 1, p + 1).
+    sources: Sequence[MotionNoise | None],
+) -> tuple[list[Array], Array]:
+    """Expected squares of noise in weighted rows, of each motor (blocks, p + 1, p + 1), and in the rate of its torque.
 
     Args:
         rows: linearised about a simulation, J b = J beta + e.
         beta: base parameters of the simulation, (p,).
         weights: of each motor's rows, (motors,).
-        density: of each motion's noise, as `noise_density` gives it; None without noise.
+        sources: noise of each motion; None without.
+
+    Returns:
+        The squares, and what noise adds to the score of the rate of each row's torque, with opposite sign,
+        (motors, blocks).
     """
     base, p = base_columns(rows.model), len(beta)
     noise = [np.zeros((len(rows.blocks), p + 1, p + 1)) for _ in rows.motors]
-    for motion, own in zip(rows.motions, density, strict=True):
-        if own is None:
+    late = np.zeros((len(rows.motors), len(rows.blocks)))
+    errors = [np.sum((m.whole[:, -1] - m.whole[:, :-1] @ beta[m.columns]) ** 2) / m.rows.sum() for m in rows.motors]
+    names = [drive.name for drive in rows.model.device.drives if drive.motorised]
+    own = {motor.name: error for motor, error in zip(rows.motors, errors, strict=True)}
+    squares = np.array([own.get(name, 0.0) for name in names])
+    for motion, source in zip(rows.motions, sources, strict=True):
+        if source is None:
             continue
-        information, score = noise_moments(rows.model, base, beta, motion, own)
+        moments = noise_moments(rows.model, base, beta, motion, source, squares)
         blocks = [k for k, block in enumerate(rows.blocks) if block.log == motion.name]
-        for made, motor, weight in zip(noise, rows.motors, weights, strict=True):
-            k = rows.model.device.row_names.index(motor.name)
+        for k, (motor, weight) in enumerate(zip(rows.motors, weights, strict=True)):
+            if motor.name not in names:
+                continue
+            place = names.index(motor.name)
             N = np.zeros((p + 1, p + 1))
-            N[:p, :p] = information[k]
+            N[:p, :p] = moments.information[place]
             # The corrected score is that of the rows plus `score`.
-            N[:p, p] = N[p, :p] = information[k] @ beta - score[k]
-            made[blocks] = weight**2 * motor.rows[blocks, None, None] * N
-    return noise
+            N[:p, p] = N[p, :p] = moments.information[place] @ beta - moments.score[place]
+            noise[k][blocks] = weight**2 * motor.rows[blocks, None, None] * N
+            late[k, blocks] = weight**2 * motor.rows[blocks] * moments.late[place]
+    return noise, late
