@@ -45,6 +45,7 @@ SECONDS, RUNS = 15.0, 200
 # Of the simulator: positions are within 1e-5 of those with a fifth of it, and torques within 2e-4, of their rms.
 STEP_S = 2.5e-4
 ENCODERS, ALONE = ("12 bits", "4000 counts"), ", motors alone"
+COUNTS = {"12 bits": 4096.0, "4000 counts": 4000.0, "exact": 1e9}
 # Tables of device files that name parameters which the elastic device does not have.
 _LEFT_OUT = ("prior", "targets", "symmetry", "base_parameters", "published", "counterweights")
 ELASTIC = [{"kind": "elastic", "motors": "all"}]
@@ -175,7 +176,7 @@ def recorded(name: str, encoders: str, seed: int) -> haptid.Log:
     model, plant = model_of(name), PLANTS[name]
     drives, motors = model.device.drives, len(model.device.motors)
     gear = (*plant.gear, *(1.0,) * (len(drives) - motors)) if encoders == "4000 counts" else (1.0,)
-    counts = 4000.0 if encoders == "4000 counts" else 4096.0
+    counts = COUNTS[encoders]
     setup = bench.Setup(
         model,
         parameters(name),
@@ -213,8 +214,8 @@ def in_closed_form(encoders: str, seed: int) -> haptid.Log:
     motor = Q * (J * s**2 + D * s + K) / (D * s + K)
     torque = motor * (IA * s**2 + FV * s) + (K + D * s) * (motor - Q)
     q, theta, tau = ((x[:, None] * np.exp(s[:, None] * t)).real.sum(axis=0) for x in (Q, motor, torque))
-    step = 2 * np.pi / (4000 * plant.gear[0] if encoders == "4000 counts" else 4096)
-    steps = np.array([2 * np.pi / (4000 if encoders == "4000 counts" else 4096), step])
+    counts = COUNTS[encoders]
+    steps = 2 * np.pi / np.array([counts, counts * plant.gear[0] if encoders == "4000 counts" else counts])
     seen = steps * np.round(np.column_stack([q, theta]) / steps)
     tau = tau + plant.noise * rng.standard_normal(len(t))
     channels = haptid.Channels(haptid.Signal(("q", "theta"), "rad"), haptid.Signal(("u",), "N m", side="motor"), "t")
