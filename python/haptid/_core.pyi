@@ -57,6 +57,12 @@ def filter_both_ways(sections: Array, channels: Array, padding: int) -> Array:
     Both ends are extended by `padding` samples of the signal turned about its end point; n must be larger.
     """
 
+def decimate(channels: Array, taps: Array, decimation: int) -> Array:
+    """Sums of a window's samples weighted by the taps, the oldest first, (channels, n) to (channels, rows).
+
+    Windows are as long as the taps, and begin every `decimation` samples.
+    """
+
 def extreme_eigenvalues(matrix: Array) -> tuple[float, float]:
     """The smallest and the largest eigenvalue of a symmetric matrix, to rounding of the larger in magnitude.
 

@@ -49,6 +49,7 @@ pub use mechanism::motion::Motion;
 pub use mechanism::terms::{Law, Term};
 pub use mechanism::{Joint, Mechanism};
 pub use reduction::dense::r_factor;
+pub use reduction::fir::decimate;
 pub use reduction::reduce::{RFactors, Reduction, reduce};
 pub use regressor::gradients::{quadratic_form_gradients, torque_gradients};
 pub use regressor::gram::gram_matrix;

@@ -12,7 +12,7 @@ mod mechanism;
 mod play;
 mod threads;
 
-use arguments::Matrix;
+use arguments::{Matrix, Vector};
 use arrays::{room, row_major, stack};
 use haptid_core::{Backend, Error};
 use loops::{PyBranch, PyLoops};
@@ -58,6 +58,23 @@ fn filter_both_ways<'py>(
     detached(py, || haptid_core::filter_both_ways(backend, sections, numbers, samples, padding, &mut out))
         .map_err(to_python)?;
     out.into_pyarray(py).reshape([many, samples])
+}
+
+/// Channels filtered and decimated: see `_core.pyi`.
+#[pyfunction]
+fn decimate<'py>(
+    py: Python<'py>,
+    channels: Matrix<'py>,
+    taps: Vector<'py>,
+    decimation: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (many, samples) = (channels.shape()[0], channels.shape()[1]);
+    let (numbers, taps) = (row_major(&channels)?, taps.as_slice()?);
+    let rows = samples.checked_sub(taps.len()).map_or(0, |room| 1 + room / decimation.max(1));
+    let mut out = room(many * rows)?;
+    let backend = Backend::selected().map_err(to_python)?;
+    detached(py, || haptid_core::decimate(backend, numbers, samples, taps, decimation, &mut out)).map_err(to_python)?;
+    out.into_pyarray(py).reshape([many, rows])
 }
 
 /// The numbers and the size of a square matrix.
@@ -107,6 +124,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(triangles, module)?)?;
     module.add_function(wrap_pyfunction!(filter_both_ways, module)?)?;
+    module.add_function(wrap_pyfunction!(decimate, module)?)?;
     module.add_function(wrap_pyfunction!(extreme_eigenvalues, module)?)?;
     module.add_function(wrap_pyfunction!(smooth_condition, module)?)?;
     module.add_function(wrap_pyfunction!(exact::echelon, module)?)?;

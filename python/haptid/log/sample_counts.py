@@ -66,12 +66,13 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
         if b - a < WIDEST_MEAN:
             continue
         own, part = [channel[a:b] for channel in channels], slice(a, b - 1)
+        rounding = [lattice_step(channel[: 1 << 16]) / np.sqrt(6) for channel in own]
         x, before = np.ones(b - a - 1), (np.zeros(0), 0)
         for width in _WIDTHS:
             assumed = np.rint(x)
             if width == before[1] and np.array_equal(assumed, before[0]):
                 continue  # the same again
-            x, made.resolved[part], alike = _steps(own, assumed, width)
+            x, made.resolved[part], alike = _steps(own, rounding, assumed, width)
             before = assumed, width
         made.clear[part] = made.resolved[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
         made.periods[part] = np.rint(x).astype(np.intp)
@@ -93,11 +94,14 @@ def _sticks(channels: list[Array], made: StepCounts) -> bool:
     return bool(earlier.any() and (same.any(axis=0) & ~same.all(axis=0)).mean() > _STICKS)
 
 
-def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+def _steps(
+    channels: list[Array], rounding: list[float], assumed: Array, width: int
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Each step in periods, (rows - 1,), where the motion resolves it, and where all channels say the same.
 
     Args:
         channels: each (rows,).
+        rounding: of a step of each channel by its encoder's resolution, as a standard deviation.
         assumed: periods of each step, (rows - 1,).
         width: steps that a speed is the mean of.
     """
@@ -105,11 +109,11 @@ def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, ND
     single = running_mean(one, width)
     information, moment, power = (np.zeros(len(assumed)) for _ in range(3))
     moved = 0
-    for channel in channels:
+    for channel, least in zip(channels, rounding, strict=True):
         step = np.diff(channel)
         speed = running_mean(one * step, width) / np.maximum(single, 1 / width)
         off = np.abs(step - speed * assumed)
-        noise = max(1.4826 * float(np.median(off)), lattice_step(channel[: 1 << 16]) / np.sqrt(6))
+        noise = max(1.4826 * float(np.median(off)), least)
         if noise > 0:
             speed, step = speed / noise, step / noise
             information += speed**2

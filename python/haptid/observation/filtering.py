@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptid import _core
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import core_momentum, core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.observation.plan import Plan, Signals
-
-# Least length of a piece of samples: shorter ones make a matrix product too slim.
-_PIECE = 48
 
 
 def decimate(signals: Array, taps: Array, decimation: int) -> Array:
@@ -27,29 +25,9 @@ def decimate(signals: Array, taps: Array, decimation: int) -> Array:
     """
     if len(taps) == 1:
         return np.asarray(signals[..., ::decimation] * taps[0])
-    samples = signals.shape[-1]
-    rows = (samples - len(taps)) // decimation + 1
-    # Samples in pieces of some rows' length: the i-th row of piece p is the sum over j of piece p + j weighted by the
-    # j-th part of the taps moved by i rows. All these products are one matrix product.
-    group = -(-_PIECE // decimation)
-    length, count = group * decimation, -(-rows // group)
-    pieces = -(-(len(taps) + length - decimation) // length)
-    parts = np.zeros((pieces, group, length))
-    for i in range(group):
-        moved = np.zeros(pieces * length)
-        moved[i * decimation : i * decimation + len(taps)] = taps
-        parts[:, i] = moved.reshape(pieces, length)
-    needed = (count + pieces - 1) * length
-    decimated = np.zeros((int(np.prod(signals.shape[:-1], dtype=int)), count, group))
-    for channel, target in zip(signals.reshape(len(decimated), samples), decimated, strict=True):
-        if not channel.any():  # half of a serial arm's columns are zero
-            continue
-        padded = channel[:needed] if needed <= samples else np.append(channel, np.zeros(needed - samples))
-        products = padded.reshape(-1, length) @ parts.reshape(-1, length).T
-        for j in range(pieces):
-            target += products[j : j + count, j * group : (j + 1) * group]
-    decimated = decimated.reshape(len(decimated), -1)[:, :rows]
-    return decimated.reshape(*signals.shape[:-1], rows)
+    channels = np.ascontiguousarray(signals, dtype=np.float64).reshape(-1, signals.shape[-1])
+    rows = _core.decimate(channels, np.ascontiguousarray(taps), decimation)
+    return rows.reshape(*signals.shape[:-1], rows.shape[1])
 
 
 def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals) -> Array:

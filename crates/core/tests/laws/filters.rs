@@ -1,7 +1,7 @@
-//! Laws of recursive filters along channels.
+//! Laws of filters along channels.
 
 use crate::{below, few};
-use haptid_core::{Backend, Error, filter_both_ways};
+use haptid_core::{Backend, Error, decimate, filter_both_ways};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -92,6 +92,36 @@ proptest! {
             prop_assert_eq!(alone.collect::<Vec<_>>(), filtering.made(backend), "{:?}", backend);
         }
     }
+
+    /// The sums as they are written down, of windows that end anywhere, and of a channel of zeros between others.
+    #[test]
+    fn decimated_rows_are_sums_over_windows(
+        taps in vec(-1.0..1.0, 1..below(40, 10)),
+        decimation in 1..below(60, 9),
+        more in 0..below(70, 12),
+        seen in vec(-1.0..1.0, 2 * below(110, 22)),
+    ) {
+        let samples = taps.len() + more;
+        let channels = [&seen[..samples], &vec![0.0; samples], &seen[samples..2 * samples]];
+        let windows = |x: &&[f64]| x.windows(taps.len()).step_by(decimation).map(<[f64]>::to_vec).collect::<Vec<_>>();
+        let rows: Vec<Vec<f64>> = channels.iter().flat_map(windows).collect();
+        for backend in Backend::available() {
+            let mut out = vec![f64::NAN; rows.len()];
+            decimate(backend, &channels.concat(), samples, &taps, decimation, &mut out).expect("shapes");
+            for (got, window) in out.iter().zip(&rows) {
+                let wanted: f64 = window.iter().zip(&taps).map(|(x, tap)| x * tap).sum();
+                prop_assert!((got - wanted).abs() <= f64::EPSILON * taps.len() as f64, "{:?}: {} for {}", backend, got, wanted);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_window_is_no_longer_than_a_channel() {
+    let short = decimate(Backend::best(), &[1.; 2], 2, &[1.; 3], 1, &mut []);
+    assert_eq!(short, Err(Error::Length { name: "channels", got: 2, wanted: 3 }));
+    let still = decimate(Backend::best(), &[1.; 2], 2, &[1.; 2], 0, &mut [0.]);
+    assert_eq!(still, Err(Error::Value { name: "decimation", got: 0.0, wanted: "1 or more" }));
 }
 
 #[test]
