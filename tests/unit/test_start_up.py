@@ -1,5 +1,6 @@
 """Start-up: what is not called is not loaded."""
 
+import math
 import pkgutil
 import subprocess
 import sys
@@ -74,6 +75,19 @@ def test_an_identification_loads_only_what_it_calls(rooms: str, absent: str) -> 
     program = f"import haptid.cli.work, haptid.report.source, {rooms}\nimport sys\nprint('loaded', *sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not set(absent.split()) & set(run.stdout.splitlines()[-1].split())
+
+
+def test_a_log_with_times_is_read_without_what_looks_for_channels(tmp_path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{0.01 * k:.2f},{math.sin(0.05 * k)},{math.cos(0.05 * k)}" for k in range(200)]
+    path.write_text("\n".join(["t,q1,tau1", *rows]), encoding="utf-8")
+    program = f"""
+from haptid.log import Channels, Signal, read_log
+read_log({str(path)!r}, Channels(Signal(("q1",), "rad"), Signal(("tau1",), "N m"), "t"))
+import sys
+print('loaded', *sys.modules)"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not {"haptid.log.survey", "sqlite3"} & set(run.stdout.splitlines()[-1].split())
 
 
 @pytest.mark.parametrize("name", [name for stage in command_time.STAGES.values() for name in stage])

@@ -135,8 +135,6 @@ def _clocks(
     path: Path, kind: Format, channels: Channels, columns: Mapping[str, RawChannel]
 ) -> tuple[_Clock, dict[str, _Clock]]:
     """Times of the positions, and those of columns in other groups, or of other lengths, by the columns' names."""
-    from haptid.log.survey.names import is_time  # slow to import, and few logs need it
-
     time = str(channels.time)
     clock = _Clock(time, columns[time], channels.time_unit)
     asked = [
@@ -150,6 +148,8 @@ def _clocks(
     ]
     if not asked:
         return clock, {}
+    from haptid.log.survey.names import is_time  # slow to import, and few logs need it
+
     names = kind.names(path)
     every = [t for t in names if (is_time(t) or _FRACTION.search(t)) and t not in channels.sources[1:]]
     near = {name: _beside(name, time, every, names) for name in asked}
