@@ -14,6 +14,9 @@ from haptid.dynamics.inverse import core_momentum, core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.observation.plan import Plan, Signals
 
+# Numbers of columns that are computed together, and least samples of theirs, in lengths of the filter: windows overlap.
+_TOGETHER, _LEAST = 2**19, 4
+
 
 def decimate(signals: Array, taps: Array, decimation: int) -> Array:
     """FIR filter and decimation, (..., samples) to (..., rows): each row is a window's sum, weighted by the taps.
@@ -54,11 +57,21 @@ def treated_columns(plan: Plan, signals: Signals) -> Array:
     """Columns of W over base parameters, filtered and decimated, (coordinates, rows, p)."""
     c, cd, cdd, own = signals
     model, shared, d = plan.core, plan.filter, plan.motion.treatment.decimation
-    mechanism, loops = model.mechanism, model.loops(c, cd)
-    if cdd is not None:
-        columns = decimate(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)
-    else:
-        assert shared.slope is not None  # in the momentum formulation the filter differentiates
-        momentum, rest = mechanism.momentum_regressor(c, cd, own, list(plan.columns), loops)
-        columns = decimate(momentum, shared.slope, d) + decimate(rest, shared.taps, d)
-    return np.ascontiguousarray(np.einsum("ckr,kp->crp", columns, plan.selection, optimize=True))
+    mechanism, loops, length = model.mechanism, model.loops(c, cd), len(shared.taps)
+    rows = (c.shape[1] - length) // d + 1
+    made = np.empty((len(c), rows, plan.selection.shape[1]))
+    # Piece by piece: the columns of all samples take more memory than the caches have.
+    piece = 1 + max(_TOGETHER // (len(c) * max(1, len(plan.columns))), _LEAST * length) // d
+    for start in range(0, rows, piece):
+        stop = min(start + piece, rows)
+        samples = slice(start * d, (stop - 1) * d + length)
+        motion = (np.ascontiguousarray(x[:, samples]) for x in ((c, cd, own) if cdd is None else (c, cd, cdd, own)))
+        closed = None if loops is None else np.ascontiguousarray(loops[:, samples])
+        if cdd is not None:
+            columns = decimate(mechanism.regressor(*motion, list(plan.columns), closed), shared.taps, d)
+        else:
+            assert shared.slope is not None  # in the momentum formulation the filter differentiates
+            momentum, rest = mechanism.momentum_regressor(*motion, list(plan.columns), closed)
+            columns = decimate(momentum, shared.slope, d) + decimate(rest, shared.taps, d)
+        made[:, start:stop] = np.einsum("ckr,kp->crp", columns, plan.selection, optimize=True)
+    return made

@@ -265,9 +265,12 @@ def parts(A: Array, blocks: tuple[ConeBlock, ...]) -> tuple[ConePart, ...]:
     for group in range(label.max(initial=-1) + 1):
         columns = np.flatnonzero(label == group)
         rows = A[(A[:, columns] != 0).any(axis=1)][:, columns]
-        inner = (
-            linalg.null_space(rows / np.linalg.norm(rows, axis=1, keepdims=True)) if len(rows) else np.eye(len(columns))
-        )
+        if not len(rows):
+            inner = np.eye(len(columns))
+        elif len(columns) == 1:  # most parts are a friction coefficient, whose rows are not zero
+            inner = np.zeros((1, 0))
+        else:
+            inner = linalg.null_space(rows / np.linalg.norm(rows, axis=1, keepdims=True))
         null = np.zeros((n, inner.shape[1]))
         null[columns] = inner
         own = tuple(block for block in blocks if block.G[:, columns].any())
