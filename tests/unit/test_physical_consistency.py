@@ -1,7 +1,5 @@
 """Physically consistent estimates: the conditions hold, no feasible parameters fit better, consistent fits stay."""
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -357,18 +355,12 @@ def test_a_panic_of_the_solver_is_one_way_to_stall(model, monkeypatch):
     assert raised.value.found == "Eigval error: Eigen(1)"
 
 
-@pytest.mark.parametrize("trace", ["0", "1", "full"])
-def test_no_trace_of_a_panic_is_printed(capfd, monkeypatch, trace):
-    """The solver's own panic: its decomposition of numbers that overflow."""
-    monkeypatch.setenv("RUST_BACKTRACE", trace)
+def test_numbers_that_overflow_are_an_error_without_a_trace(capfd):
     q = -np.ones(10)
     q[3] = 1e300
-    with pytest.raises(ConvergenceError, match="Eigval error"):
+    with pytest.raises(ConvergenceError, match="numbers that overflow"):
         conic_program.minimise(np.eye(10), q, [conic_program.ConeCondition(PSEUDO, np.zeros(10), True)])
     assert capfd.readouterr().err == ""
-    with conic_program._without_traces():
-        os.write(2, b"a warning\n")
-    assert capfd.readouterr().err == "a warning\n"
 
 
 def test_arrays_of_the_answers_are_read_only(model):
