@@ -365,6 +365,16 @@ def test_a_position_that_stops_at_once_for_good_is_stuck_and_one_that_is_held_is
         assert not list(faults(log(held, u)))
 
 
+@pytest.mark.parametrize("rate", [200, 1000])
+def test_a_quick_motion_between_long_holds_is_none_of_a_stuck_position(rate):
+    """In a slow log it bends more than all other motion, and yet slows down."""
+    t = np.arange(60 * rate) / rate
+    slow = 0.5 * np.sin(2 * np.pi * 0.1 * t) * np.clip((30 - t) / 5, 0, 1)
+    u = ((t - 40.0) / 0.3).clip(0, 1)
+    x = np.round((slow + 0.4 * (10 * u**3 - 15 * u**4 + 6 * u**5)) / 1e-4) * 1e-4
+    assert not list(faults(log(x, np.cos(t))))
+
+
 def test_parts_of_a_log_are_left_out_with_a_split():
     t = np.arange(100) / 1000
     whole = log(np.sin(t), np.cos(t))

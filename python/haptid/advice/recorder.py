@@ -125,7 +125,8 @@ def _stuck(x: Array) -> np.ndarray:
         at_speed = at_speed and not _slows_down(x[start::-1], n, step) and not _slows_down(x[stop:], n, step)
         # The motion on both sides goes on at its speed through the range, or the position jumps at its end.
         jumps = jump > max(least, 3 * abs(after) / n)
-        if at_speed or jumps or (n > long and _abrupt(bends, start, stop, max(_ABRUPT * usual, STUCK_STEPS * step))):
+        least_bend = max(_ABRUPT * usual, STUCK_STEPS * step)
+        if at_speed or jumps or (n > long and _abrupt(x, bends, start, stop, least_bend)):
             made[start : stop + 1] = True
     return made
 
@@ -135,12 +136,15 @@ def _slows_down(x: Array, n: int, step: float) -> bool:
 
     Under a constant acceleration the first stretch is a third of the second.
     """
-    for near in {max(1, round(share * n)) for share in _NEAR}:
-        if len(x) > 2 * near:
-            first, second = abs(x[near] - x[0]), abs(x[2 * near] - x[near])
-            if second > _TOLD * step and first < 0.5 * second:
-                return True
-    return False
+    return any(_sets_off_slowly(x, max(1, round(share * n)), _TOLD * step) for share in _NEAR)
+
+
+def _sets_off_slowly(x: Array, near: int, least: float) -> bool:
+    """Whether the first stretch, of so many samples, is less than half of the next one, which is above a least."""
+    if len(x) <= 2 * near:
+        return False
+    first, second = abs(x[near] - x[0]), abs(x[2 * near] - x[near])
+    return bool(second > least and first < 0.5 * second)
 
 
 def _bends(x: Array, still: np.ndarray) -> tuple[Array, float]:
@@ -155,17 +159,22 @@ def _bends(x: Array, still: np.ndarray) -> tuple[Array, float]:
     return bends, float(np.quantile(moving, _USUAL)) if moving.size > _FEWEST else np.inf
 
 
-def _abrupt(bends: Array, start: int, stop: int, least: float) -> bool:
+def _abrupt(x: Array, bends: Array, start: int, stop: int, least: float) -> bool:
     """Whether a position stops, or sets off, at once: by a change of speed that is none of the motion elsewhere.
 
+    One quick motion in a slow log bends more than all others, and yet slows down before the stop.
+
     Args:
-        bends: of the position.
+        x, bends: the position, and its bends.
         start, stop: samples between which it does not change.
         least: that is none of the motion, nor of the encoder's steps.
     """
     reach = 3 * _BESIDE  # a resampled log rings beside a corner
-    ends = [bends[max(at - _BESIDE - reach, 0) : max(at - _BESIDE + reach + 1, 0)] for at in (start, stop)]
-    return any(part.size and float(part.max()) > least for part in ends)
+    for at, beside in ((start, x[start::-1]), (stop, x[stop:])):
+        part = bends[max(at - _BESIDE - reach, 0) : max(at - _BESIDE + reach + 1, 0)]
+        if part.size and float(part.max()) > least and not _sets_off_slowly(beside, _BESIDE, 0.0):
+            return True
+    return False
 
 
 def simulated_rows(

@@ -16,8 +16,9 @@ from haptid.uncertainty.figures import per_cent
 # Ratio of the error of another log to that of unseen blocks of the fit from which the other log is named, and the error
 # from which on it is, per cent.
 _FAR, _LARGE = 2.0, 10.0
-# Share of a motor's error, and of its torque, that a factor leaves where it is the cause; factors that are none.
-_EXPLAINED, _LEFT, _SAME_SIZE = 0.4, 0.3, 1.25
+# Share of a motor's error that a factor leaves where it is the cause, of its torque over the error of the fit, and at
+# least; factors that are none.
+_EXPLAINED, _LEFT, _LEAST_LEFT, _SAME_SIZE = 0.4, 3.0, 0.02, 1.25
 _UNKNOWN = (
     "the motion of the fit does not determine the model for other motion, or something differs in that log. Identify "
     "from several of the logs, and validate with another one, to tell."
@@ -45,20 +46,26 @@ def of_validation_logs(found: Identification, before: float | None) -> Iterator[
     worst, run = max(errors, key=lambda one: one[0])
     if worst > max(_FAR * before, _LARGE):
         errors_of = f"{per_cent(worst, 3)}, on unseen blocks of the fit {per_cent(before, 3)}"
-        yield f"The error on {run.entry.path} is {errors_of}: {_other_sizes(found, run) or _UNKNOWN}"
+        yield f"The error on {run.entry.path} is {errors_of}: {_other_sizes(found, run, before) or _UNKNOWN}"
 
 
-def _other_sizes(found: Identification, run: Run) -> str:
-    """The rest of the sentence where torques in a log are another multiple of the model's; empty where none is."""
-    beta, told = found.estimate.beta, []
+def _other_sizes(found: Identification, run: Run, before: float) -> str:
+    """The rest of the sentence where torques in a log are another multiple of the model's; empty where none is.
+
+    A gain leaves the error of the fit. A body that was added makes torques larger too, and leaves more.
+
+    Args:
+        before: unseen error of blocks of the fit, per cent.
+    """
+    beta, told, most = found.estimate.beta, [], max(_LEFT * before / 100, _LEAST_LEFT)
     for motor in run.observation.motors:
         model, torque = motor.whole[:, :-1] @ beta[motor.columns], motor.whole[:, -1]
         power = float(model @ model)
         if motor.free or not power or not motor.norm:
             continue
         factor = float(model @ torque) / power
-        left, before = (float(np.linalg.norm(torque - size * model)) for size in (factor, 1.0))
-        explained = left < min(_EXPLAINED * before, _LEFT * motor.norm)
+        left, plain = (float(np.linalg.norm(torque - size * model)) for size in (factor, 1.0))
+        explained = left < min(_EXPLAINED * plain, most * motor.norm)
         if explained and not 1 / _SAME_SIZE < factor < _SAME_SIZE:
             rest = per_cent(100 * left / motor.norm, 2)
             told.append(f"that of {motor.label} is {factor:.3g} times the model's, all but {rest} of it")
