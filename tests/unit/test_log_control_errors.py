@@ -68,3 +68,27 @@ def test_joints_that_move_little_beside_others_stay_joints(tmp_path: Path) -> No
     table = survey(path).table
     assert "joints = [2, 3, 4, 5, 6, 7]" in table
     assert "joints = [14, 15, 16, 17, 18, 19]" in table
+
+
+def test_joints_of_small_motion_are_none_of_the_errors_where_one_torque_is_dead() -> None:
+    """Too few columns that move for all joints were taken for torques of the larger half alone."""
+    parts = signals(6, True)
+    small = np.where(np.arange(6) < 3, 1.0, 0.1)
+    columns = {
+        f"{name}{k}": x
+        for name in ("t", "q", "qd", "tau")
+        for k, x in enumerate((parts[name] * (small if name in ("q", "qd") else 1.0)).T)
+    }
+    columns["tau5"] = np.full(len(T), 0.25)
+    assert Content.of(columns).positions == tuple(f"q{k}" for k in range(6))
+
+
+def test_a_torque_that_is_its_error_is_one_of_the_torques() -> None:
+    """A proportional controller with a gain of one in the log's units, on one joint of three."""
+    parts = signals(3, True)
+    rng = np.random.default_rng(0)
+    tau = parts["e"] * np.array([1.0, 50.0, 80.0]) + rng.normal(0, 1e-7, parts["e"].shape)
+    columns = {f"{name}{k}": x for name in ("t", "q", "qd") for k, x in enumerate(parts[name].T)}
+    columns |= {f"tau{k}": x for k, x in enumerate(tau.T)}
+    found = Content.of(columns)
+    assert (found.positions, found.torques) == (("q0", "q1", "q2"), ("tau0", "tau1", "tau2"))

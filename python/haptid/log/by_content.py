@@ -126,7 +126,7 @@ class Content:
         second = _second_rates(at, heads, len(names))
         used = {*at, *at.values(), *second}
         heads = [k for k in heads if k not in errors_among(rows, heads, heads)]
-        if len([k for k in moving if k not in used]) < len(heads):
+        if len([k for k in signals if k not in used]) < len(heads):  # a torque that is dead is one all the same
             heads = [k for k in heads if k not in smaller_half(rows, heads)]
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
@@ -136,6 +136,10 @@ class Content:
             left = [k for k in moving if k not in taken]
             errors = errors_among(rows, left, heads)
             groups = _left(rows, [k for k in left if k not in errors], heads, taken)
+            if not groups and errors < set(
+                left
+            ):  # torques that a controller makes of errors, one of them by a gain of 1
+                groups = _left(rows, left, heads, taken)
             again = [group for group in groups if _accelerations(rows, group, rates, step, alone)]
             groups = [group for group in groups if group not in again]
             if groups:

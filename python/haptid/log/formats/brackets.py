@@ -6,7 +6,7 @@ import re
 
 # Bytes that tell such a text.
 HEAD = 2**12
-_NUMBER = rb"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))"
+_NUMBER = rb"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?i:nan|inf))"
 _NAME = rb"(?:[A-Za-z_]\w*\s*=\s*)?(?:(?:np\.|numpy\.|torch\.)?(?:array|asarray|matrix|tensor)\s*\()?"
 # Rows of MATLAB end with a semicolon, and go on in the next line behind three points.
 _CONTINUED = re.compile(rb"\.{3}[^\n]*\n")
