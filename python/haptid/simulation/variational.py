@@ -31,17 +31,24 @@ def transitions(F: Array, h: float) -> Array:
 
 
 def inverses(matrices: Array) -> Array:
-    """Of small matrices with definite leading parts, (states, u, u), by Gauss-Jordan without pivots, all at once."""
+    """Of small matrices, (states, u, u), by Gauss-Jordan without pivots, all at once; with pivots where one is zero.
+
+    Mass matrices need none; those of a poor step of a fit may.
+
+    Raises:
+        LinAlgError: one has no inverse.
+    """
     A = np.ascontiguousarray(matrices.transpose(1, 2, 0))
-    for k in range(len(A)):
-        pivot = 1 / A[k, k]
-        row = A[k] * pivot
-        row[k] = pivot
-        column = A[:, k].copy()
-        A[:, k] = 0.0
-        A -= column[:, None] * row
-        A[k] = row
-    return A.transpose(2, 0, 1)
+    with np.errstate(all="ignore"):
+        for k in range(len(A)):
+            pivot = 1 / A[k, k]
+            row = A[k] * pivot
+            row[k] = pivot
+            column = A[:, k].copy()
+            A[:, k] = 0.0
+            A -= column[:, None] * row
+            A[k] = row
+    return A.transpose(2, 0, 1) if np.isfinite(A).all() else np.linalg.inv(matrices)
 
 
 def states_first(columns: Array) -> Array:

@@ -81,7 +81,7 @@ class MotorSide(SimulationBased):
     tolerance: float = 0.3
     segment: float = 0.25
     delays: bool = False
-    near: Fit | None = None
+    near: Fit | None = field(default=None, repr=False, compare=False)
     _joints: dict[int, DrivenJoints] = field(default_factory=dict, init=False, repr=False, compare=False)
     _courses: list[DrivenCourse] = field(default_factory=list, init=False, repr=False, compare=False)
 
