@@ -36,6 +36,8 @@ WRITTEN = {
     "matlab": "A = [" + ";\n".join(cells(", ")) + "];\n",
     "matlab in one line": "A = [" + "; ".join(cells(", ")) + "];",
     "matlab over lines": "A = [" + ";\n".join(row.replace(", ", ", ...\n", 1) for row in cells(", ")) + "];\n",
+    "matlab with comments": "% run [3]\nA = [" + ";\n".join(cells(", ")) + "]; % of (the) arm\n",
+    "python with comments": "# run (3)\nq = [[" + "],  # a row\n [".join(cells(", ")) + "]]  # end\n",
     "mathematica": "{{" + "}, {".join(cells(", ")) + "}}\n",
 }
 

@@ -15,6 +15,8 @@ _OPENS = re.compile(
     rb"\s*" + _NAME + rb"(?P<brackets>[\[({]\s*[\[({]?)\s*"
     + _NUMBER + rb"\s*(?P<comma>,?)\s*(?:" + _CONTINUED.pattern + rb"\s*)?" + _NUMBER
 )  # fmt: skip
+# Comments of MATLAB and Python.
+_COMMENT = re.compile(rb"[%#][^\n]*")
 _PREFIX, _DTYPE = re.compile(rb"\s*" + _NAME), re.compile(rb",?\s*dtype\s*=[^)\n]*")
 _CLOSES, _OPENING = re.compile(rb"[\])}]\s*[,;]?\s*"), re.compile(rb"[\[({]")
 
@@ -24,13 +26,14 @@ def is_bracketed(head: bytes) -> bool:
 
     One of blanks and semicolons, `A = [ 1 2;`, is read as a table as it is.
     """
-    found = _OPENS.match(head.removeprefix(b"\xef\xbb\xbf"))
+    found = _OPENS.match(_COMMENT.sub(b"", head.removeprefix(b"\xef\xbb\xbf")))
     return found is not None and bool(found["comma"] or len(_OPENING.findall(found["brackets"])) > 1)
 
 
 def unbracketed(raw: bytes) -> bytes:
     """A line for each row, without brackets and the name before them."""
-    text = _DTYPE.sub(b"", _PREFIX.sub(b"", raw.removeprefix(b"\xef\xbb\xbf"), count=1))
+    text = _COMMENT.sub(b"", raw.removeprefix(b"\xef\xbb\xbf"))
+    text = _DTYPE.sub(b"", _PREFIX.sub(b"", text, count=1))
     ends = [own.start() for own in _CLOSES.finditer(text)]
     if any(text[end - 1 : end] not in b"])}" for end in ends[1:]):  # more than one row has a bracket of its own
         text = b" ".join(text.split())  # a long row is printed on several lines
