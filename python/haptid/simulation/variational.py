@@ -48,7 +48,7 @@ def inverses(matrices: Array) -> Array:
             A[:, k] = 0.0
             A -= column[:, None] * row
             A[k] = row
-    return A.transpose(2, 0, 1) if np.isfinite(A).all() else np.linalg.inv(matrices)
+    return A.transpose(2, 0, 1) if np.isfinite(A).all() else np.asarray(np.linalg.inv(matrices))
 
 
 def states_first(columns: Array) -> Array:
