@@ -149,6 +149,20 @@ def test_a_validation_log_of_another_gain_is_told_with_it(tmp_path: Path, factor
         assert "motor 2" not in said
 
 
+def test_a_body_that_a_validation_log_has_more_is_no_gain(tmp_path: Path) -> None:
+    """It makes the torques larger too, by no one factor."""
+    path = small_study.write_study(tmp_path)
+    made, model = small_study.columns(2), small_study.two_links()
+    q = np.stack([made["q1"], made["q2"]])
+    qd = np.gradient(q, 2e-3, axis=1)
+    body = np.isin(model.base.names, ["ZZ2", "MX2", "MY2"]) * 0.05
+    tau = haptid.inverse_dynamics(model, body, q, qd, np.gradient(qd, 2e-3, axis=1))
+    made |= {f"tau{k + 1}": made[f"tau{k + 1}"] + tau[k] for k in (0, 1)}
+    pyarrow.csv.write_csv(pa.table(made), tmp_path / "check.csv")
+    (said,) = (one for one in advise(identify(read_study(path))).sentences if "check.csv" in one)
+    assert "something differs in that log" in said
+
+
 def test_a_validation_log_of_noise_alone_is_named_once(tmp_path: Path) -> None:
     path = small_study.write_study(tmp_path)
     made, rng = small_study.columns(2, 20.0), np.random.default_rng(2)
