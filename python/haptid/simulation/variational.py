@@ -38,7 +38,7 @@ def inverses(matrices: Array) -> Array:
     Raises:
         LinAlgError: one has no inverse.
     """
-    A = np.ascontiguousarray(matrices.transpose(1, 2, 0))
+    A = np.array(matrices.transpose(1, 2, 0), order="C")  # a copy, also of one state
     with np.errstate(all="ignore"):
         for k in range(len(A)):
             pivot = 1 / A[k, k]
