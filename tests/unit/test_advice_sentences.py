@@ -89,14 +89,20 @@ def test_positions_of_revolute_joints_are_in_rad() -> None:
     assert _travel_unit(phantom()) == "rad"
 
 
-def test_a_torque_of_noise_that_is_small_is_named_and_not_given_a_gain(tmp_path: Path) -> None:
-    """The first advice was a gain of 0.00025 on the channel, which then has noise as large as the torque."""
-    path = small_study.write_study(tmp_path)
+def with_small_noise(folder: Path) -> Path:
+    """A study whose logs have noise in place of the torque of motor 2, a thousandth of that of motor 1."""
+    path = small_study.write_study(folder)
     for seed, name in ((1, "log.csv"), (2, "check.csv")):
         made = small_study.columns(seed, 20.0)
         size = 1e-3 * float(np.std(made["tau1"]))
         made["tau2"] = size * np.random.default_rng(seed).standard_normal(len(made["t"]))
-        pyarrow.csv.write_csv(pa.table(made), tmp_path / name)
+        pyarrow.csv.write_csv(pa.table(made), folder / name)
+    return path
+
+
+def test_a_torque_of_noise_that_is_small_is_named_and_not_given_a_gain(tmp_path: Path) -> None:
+    """The first advice was a gain of 0.00025 on the channel, which then has noise as large as the torque."""
+    path = with_small_noise(tmp_path)
     said = advise(identify(read_study(path))).sentences
     assert said[0].startswith("1. Leave out the torque channel of motor 2, which shows noise alone")
     assert not any("gain" in sentence.split(":")[0] for sentence in said if sentence[0].isdigit())
@@ -108,12 +114,7 @@ def test_a_channel_of_which_the_model_explains_nothing_is_given_no_gain(
     """As above in a log that is too short, or too slow, to be certain of noise."""
     for place in ("advice.recorder", "motion.noise_torques"):
         monkeypatch.setattr(f"haptid.{place}.noise_alone", lambda log: np.zeros(log.torque.shape[1], dtype=bool))
-    path = small_study.write_study(tmp_path)
-    for seed, name in ((1, "log.csv"), (2, "check.csv")):
-        made = small_study.columns(seed, 20.0)
-        size = 1e-3 * float(np.std(made["tau1"]))
-        made["tau2"] = size * np.random.default_rng(seed).standard_normal(len(made["t"]))
-        pyarrow.csv.write_csv(pa.table(made), tmp_path / name)
+    path = with_small_noise(tmp_path)
     first = advise(identify(read_study(path))).actions[0]
     assert (first.kind, first.edits) == ("no torque", ())
     assert "motor 2, of which the model explains nothing: check that it is connected" in first.sentence
@@ -355,7 +356,7 @@ def test_a_joint_that_is_held_does_not_hide_that_the_others_stand() -> None:
 
 
 def test_a_part_of_another_log_is_judged_by_that_log() -> None:
-    """Times begin anew in each log, and the verdict of the log before was carried on."""
+    """Times start at zero in each log, and the judgement of the log before was used for the next one."""
     t = np.tile(np.arange(0.0, 6.0, 0.02), 2)
     log = np.repeat([0, 1], t.size // 2)
     moves = np.where((log == 0) & (t < 1.0), 0.0, np.sin(2 * np.pi * (t - 1.0) + 0.5))

@@ -25,7 +25,7 @@ from haptid.study.read import read_study
 from json_outputs import valid
 from zoo.advised import rank
 from zoo.case import Case
-from zoo.wrong import WrongPlant, identified, written
+from zoo.wrong import WrongPlant, identified, written, wrong_cases
 
 ARM = Case(1, "arm2", 250, 16, 1.2, 3, bits=16, friction=0.3, level=0.01)
 ARM3 = Case(2, "arm3", 250, 20, 0.8, 3, bits=16, friction=0.3, level=0.01)
@@ -36,7 +36,7 @@ WRONG = {
     "spring": AXIS,
     "ripple": AXIS,
     "drift": AXIS,
-    "warming": PENDULUM,
+    "warming": Case(6, "arm2", 250, 16, 1.2, 3, bits=16, friction=0.3, level=0.01),  # a contact, by steady drifts alone
     "wandering offset": PENDULUM,
     "contact": ARM,
     "torque swap": ARM,
@@ -74,6 +74,13 @@ RIGHT = {
 def found(case: Case, cause: str, folder: Path) -> tuple[WrongPlant, Identification]:
     plant = WrongPlant(case, cause)
     return plant, identified(plant, folder)
+
+
+def test_a_payload_comes_before_the_drift_that_explains_less(tmp_path: Path) -> None:
+    """Its gain is that of half of the blocks: clear by two standard errors, it stood behind a drift of both motors."""
+    plant = next(one for one in wrong_cases(1, 4802) if one.case.seed == 4802058)
+    made = advise(identified(plant, tmp_path))
+    assert [action.kind for action in made.actions][:2] == ["payload", "drift"]
 
 
 @pytest.mark.parametrize("cause", WRONG)

@@ -61,3 +61,11 @@ def test_a_clean_log_is_inside(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -
     assert row["status"] == "ok", row
     assert max(np.abs(row["off"])) < 4, row
     assert len(row["inside"]) == len(row["names"])
+
+
+def test_delays_beside_a_drift_are_as_sure_as_they_are_right() -> None:
+    """The jumps of dry friction told whitened rows: four of these logs were six to fifteen standard errors off."""
+    made = [covered(case) for case in logs_of("random-walk torque noise", 40, 777)]
+    off = np.array([row["delay off"][0] for row in made])
+    assert np.abs(off).max() < 4.5
+    assert np.sqrt(np.mean(off**2)) < 1.5
