@@ -38,8 +38,8 @@ _STILL, _SAME = 5, 1e-9
 # Stretches before and after a stop, as shares of its length, that are compared with the next ones, and steps of the
 # encoder that those have at least.
 _NEAR, _TOLD = (0.01, 0.03, 0.1), 8.0
-# A longer stop, as a share of the log, is held on purpose unless speed changes at its ends by this many times what it
-# changes by elsewhere, a hundredth of the samples apart, over some samples; fewest samples elsewhere.
+# A longer stop, as a share of the log, is held on purpose unless the change of travel from some samples to the next at
+# its ends is so many times a quantile of that elsewhere: share, ratio, quantile, samples, fewest samples elsewhere.
 _LONG, _ABRUPT, _USUAL, _BESIDE, _FEWEST = 0.02, 8.0, 0.99, 10, 500
 
 
@@ -140,7 +140,13 @@ def _slows_down(x: Array, n: int, step: float) -> bool:
 
 
 def _sets_off_slowly(x: Array, near: int, least: float) -> bool:
-    """Whether the first stretch, of so many samples, is less than half of the next one, which is above a least."""
+    """Whether the travel over the first samples is less than half of that over as many next ones.
+
+    Args:
+        x: the position from standstill on, (n,).
+        near: how many samples.
+        least: travel over the next ones below which it is noise.
+    """
     if len(x) <= 2 * near:
         return False
     first, second = abs(x[near] - x[0]), abs(x[2 * near] - x[near])

@@ -136,9 +136,7 @@ class Content:
             left = [k for k in moving if k not in taken]
             errors = errors_among(rows, left, heads)
             groups = _left(rows, [k for k in left if k not in errors], heads, taken)
-            if not groups and errors < set(
-                left
-            ):  # torques that a controller makes of errors, one of them by a gain of 1
+            if not groups and errors < set(left):  # a proportional controller's torques, one of them with a gain of 1
                 groups = _left(rows, left, heads, taken)
             again = [group for group in groups if _accelerations(rows, group, rates, step, alone)]
             groups = [group for group in groups if group not in again]

@@ -21,8 +21,8 @@ from haptid.motion.motion import Motion
 from haptid.motion.streaming import filtered
 from haptid.simulation.driven import unloaded_joints
 
-# Frequencies that the feedback is estimated from: from so many bandwidths of the motion on, up to the position filter's
-# cut-off, at least so many of them. Highest derivative of the position in it.
+# The band from which the feedback is estimated: its lower limit over the bandwidth of the motion (the upper one is the
+# cut-off of the position filter), and the fewest frequencies in it. Highest derivative of the position in the feedback.
 _ABOVE, _FEWEST, _ORDER = 2.0, 50, 2
 # Shape of the Kaiser window, whose side lobes keep the motion, a million times as large, out of that band.
 _SHAPE = 14.0
