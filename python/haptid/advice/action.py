@@ -10,6 +10,7 @@ import numpy as np
 
 from haptid.advice.coarse import COARSER, RISES
 from haptid.advice.coarse import KIND as COARSE
+from haptid.advice.columns import ELASTIC, GIVES_WAY
 from haptid.advice.contact import BY_RESIDUAL
 from haptid.advice.edits import Edit
 from haptid.advice.more_motion import MoreMotion
@@ -22,7 +23,7 @@ SHOWN = 6
 # Factor by which the first action lowers the error where it explains the rest, and by which the others leave more.
 _EXPLAINS = 3.0
 # Changes of a whole log: where one of them is to be made, no other change can be judged before it is.
-WHOLE_LOG = ("side", "mounting", "joint order", "joint zeros")
+WHOLE_LOG = ("side", "mounting", "joint order", "joint zeros", ELASTIC, GIVES_WAY)
 # A gain of next to nothing that explains nothing of the channel.
 NO_TORQUE = "no torque"
 # Kinds that leave rows out.
@@ -77,6 +78,8 @@ CHANGES: Mapping[str, str] = {
     "slip": "leave out all but the longest part between slips of the transmission of {where}",
     "limit cycle": "leave out the parts in which {where}, held, goes back and forth",
     "other log": "leave out {where}, which is not of the device that the other logs are of",
+    ELASTIC: "make {where} elastic",
+    GIVES_WAY: "record the positions on both sides of the drives of {where}, which give way like springs",
     "filter": "set the cut-off of the position filter to {where}",
 }
 # Limits of the proof of each kind.
@@ -94,6 +97,8 @@ _OPEN: Mapping[str, str] = {
     "zero offset": "whether the sensor's zero or the device file's angle is wrong",
     "gravity direction": "whether the base is tilted or several zeros are wrong",
     "mounting": "whether the base is tilted from that axis",
+    ELASTIC: "whether the drives bend or the structure behind them",
+    GIVES_WAY: "how stiff they are: this log's positions do not show it",
     "dead torque": "what the channel would have shown",
     "noise alone": "what the channel would have shown",
     NO_TORQUE: "what the channel would have shown",

@@ -8,15 +8,18 @@ from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, NO_TORQUE, USE, Action, Advice
 from haptid.advice.bodies import right_signs
 from haptid.advice.clash import clash, whole_reversed
+from haptid.advice.columns import ELASTIC, GIVES_WAY
 from haptid.advice.conventions import OtherCounts, other_counts, with_all_motion
 from haptid.advice.delays import COMMON_DELAY, TIME_SHIFT
 from haptid.advice.edits import Edit, edits_in_validation_logs, edits_of, gain_edits
+from haptid.advice.elastic import OtherElasticity, other_elasticity, stiffnesses
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
 from haptid.advice.orders import OtherOrder, other_order
 from haptid.advice.ranking import OF_TORQUE_CHANNELS, helped, stated
 from haptid.advice.reversed_motors import sign_actions
 from haptid.advice.search import (
+    LARGE_GAIN,
     Proven,
     Trials,
     TriedChange,
@@ -91,6 +94,11 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     left = min([left, *(one.after / one.before for one in whole_changes)])
     if not masks or now.error(base) >= _COUNTS:  # what rows left out mend is no other zero
         whole_changes += [one for one in (_counts(found, part, left),) if one is not None]
+        left = min([left, *(one.after / one.before for one in whole_changes)])
+    if (one := _elastic(found, part, chosen, left, before)) is not None:
+        whole_changes.append(one)
+    elif chosen and chosen[0] in (springs := _springs(chosen)):
+        whole_changes += [_action(search, base, one, True, (), _rivals(base, one, made)) for one in springs[:1]]
     if whole_changes:  # nothing else can be judged with the one that leaves least
         least = min(whole_changes, key=lambda one: one.after)
         check = tuple(_other_robot(least.after, (0.0, 0.0)))
@@ -258,6 +266,34 @@ def _counts(found: Identification, part: Estimate, left: float) -> Action | None
     return _of_whole_log("joint zeros", one.places, change, one, one.rivals)
 
 
+def _elastic(
+    found: Identification, part: Estimate, chosen: Sequence[Proven], left: float, before: float
+) -> Action | None:
+    """Motors behind springs as a study would identify them, where the best changes leave more.
+
+    Tried for the motors whose springs to first order explain much, or for all where most is not explained: it takes
+    seconds.
+    """
+    springs = _springs(chosen)
+    places = [place for one in springs for place in one.candidate.places]
+    motors = [motor.name for motor in found.model.device.motors]
+    if not springs and left * before < ROUGH_ERROR:
+        return None
+    some = [name for name in motors if f"motor {name}" in places] or motors
+    delays = found.proposal.treatment.torque_delay_s
+    one = other_elasticity(found.model, part.observation.motions, some, delays)
+    if one is None or one.after > MOST_LEFT * left * before:
+        return None
+    where, many = joined_names(one.places, most=8), "springs" if len(one.places) > 1 else "a spring"
+    change = f"{CHANGES[ELASTIC].format(where=where)}, with {many} of about {stiffnesses(one.stiffness)}"
+    return _of_whole_log(ELASTIC, one.places, change, one)
+
+
+def _springs(chosen: Sequence[Proven]) -> list[Proven]:
+    """Springs of motors that to first order explain much of the error."""
+    return [one for one in chosen if one.candidate.kind == ELASTIC and one.gain.share > LARGE_GAIN]
+
+
 def _rough(found: Identification) -> bool:
     """Whether the unseen error is so large that an assumption about the whole log may be wrong."""
     return max((v.comparable.relative for v in found.unseen), default=0.0) >= ROUGH_ERROR
@@ -267,7 +303,7 @@ def _of_whole_log(
     kind: str,
     places: tuple[str, ...],
     change: str,
-    one: OtherSide | OtherOrder | OtherMounting | OtherCounts,
+    one: OtherSide | OtherOrder | OtherMounting | OtherCounts | OtherElasticity,
     rivals: tuple[str, ...] = (),
 ) -> Action:
     """The action of another assumption about the whole log."""
@@ -307,9 +343,9 @@ def _action(
     """A proven candidate in words."""
     candidate, model, bench = one.candidate, search.model, search.bench
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
-    kind = NO_TORQUE if of_no_motor(search, one) else candidate.kind
+    kind = NO_TORQUE if of_no_motor(search, one) else GIVES_WAY if candidate.kind == ELASTIC else candidate.kind
     size = "" if kind == NO_TORQUE else _size(one, _travel_unit(model))
-    change, edits = CHANGES[kind].format(where=where) + size, () if kind == NO_TORQUE else edits
+    change, edits = CHANGES[kind].format(where=where) + size, () if kind in (NO_TORQUE, GIVES_WAY) else edits
     errors = stated(search, base, one.trial)
     label = "" if errors.motor is None else model.device.row_labels[model.known_rows[errors.motor]]
     return Action(
@@ -362,6 +398,8 @@ def _size(one: Proven, unit: str) -> str:
             return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} {unit})"
         case "spring":
             return f" (without torque at {', '.join(format(s['rest'], '.3g') for s in one.settings)} {unit})"
+        case kind if kind == ELASTIC:
+            return f" of at most about {stiffnesses([1 / x for x in theta])}, to first order"
         case "ripple":
             return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} {unit})"
         case "payload":

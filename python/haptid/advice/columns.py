@@ -22,12 +22,15 @@ from haptid.observation.augmented import ResidualContext
 from haptid.observation.geometry_slopes import (
     SLOPE_STEP,
     Slope,
+    compliance_slope,
     home_offset_slope,
     horizontal_axes,
     slope_towards,
     tilted_gravity,
 )
 
+# Kind of a change that puts springs between motors and what they move, and the same where a fit does not find them.
+ELASTIC, GIVES_WAY = "elastic motors", "motors that give way"
 # Stribeck velocities that are tried, as shares of the root mean square speed.
 VELOCITIES = (0.1, 0.2, 0.4)
 # Presliding distances that are tried, as shares of the range of positions.
@@ -239,6 +242,17 @@ def _drift(
         return np.concatenate([course * one for one in made])
 
     return values
+
+
+def springs_of_motors(model: DynamicModel, torques: TorqueChannels) -> Iterator[Source]:
+    """First-order effects of springs between the motors and what they move, where the file has none."""
+    device = model.device
+    if device.elastic or device.sensors:
+        return
+    for k in torques.measured:
+        row = model.known_rows[k]
+        if device.row_names[row] in [motor.name for motor in device.motors]:
+            yield Source(ELASTIC, device.row_labels[row], k, (_on_all_rows(compliance_slope(model, row)),))
 
 
 def clipped_channels(model: DynamicModel, torques: TorqueChannels, found: Sequence[ChannelFault]) -> Iterator[Source]:

@@ -18,6 +18,7 @@ from haptid.advice.recorder import faults
 from haptid.advice.search import Proven, Trials, TriedChange
 from haptid.device import Device
 from haptid.device.toml.reader import checked_tables, file_text
+from haptid.device.toml.terms import PlainTerm
 from haptid.errors import OutputFolderError
 from haptid.motion.treatment import Treatment
 from haptid.observation.geometry_slopes import horizontal_axes
@@ -136,6 +137,18 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
                 yield Edit("study", "exclude", ("logs", number), ranges)
         case "other log":
             yield Edit("study", "remove", ("logs", one.indices[0]), one.places[0])
+
+
+def elastic_edits(device: Device, motors: Sequence[str]) -> Iterator[Edit]:
+    """Terms that put motors behind springs, and give their rotors the inertia that they need then."""
+    inert = set[str]()
+    for term in device.tables.terms:
+        if isinstance(term, PlainTerm) and term.kind == "rotor-inertia" and term.motors is not None:
+            inert |= {motor.name for motor in device.motors} if term.motors == "all" else set(term.motors)
+    tables: list[dict[str, Any]] = [{"kind": "elastic", "motors": list(motors)}]
+    if bare := [name for name in motors if name not in inert]:
+        tables.insert(0, {"kind": "rotor-inertia", "motors": bare, "prefix": "IROTOR"})
+    yield from (Edit("device", "append", ("terms",), table) for table in tables)
 
 
 def gain_edits(search: Trials, motor: int, factor: float) -> Iterator[Edit]:

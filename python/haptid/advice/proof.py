@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from haptid.advice.columns import ELASTIC
 from haptid.advice.search import LARGE_GAIN, Proven, Trials, TriedChange, large_enough
 from haptid.advice.trial import Bench, Gain, Trial, gain
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
@@ -15,7 +16,7 @@ from haptid.inference.diagnosis.lack_of_fit import friction_coordinates
 # Largest sizes that are believed: s, rad, m.
 LARGEST_CHANGE = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
 # Terms whose parameters are not negative, as friction takes energy: one below zero has another cause, such as a delay.
-_NOT_NEGATIVE = ("coulomb", "viscous", "stribeck", "presliding", "load friction", "rotor inertia")
+_NOT_NEGATIVE = ("coulomb", "viscous", "stribeck", "presliding", "load friction", "rotor inertia", ELASTIC)
 # Factors between torque and model that cannot be distinguished from 1, on either side.
 SAME = 0.03
 # Friction that rises to the Coulomb friction with speed: the column of Stribeck friction with a parameter below zero.

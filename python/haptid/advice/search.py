@@ -227,6 +227,7 @@ def _sources(
     yield from (one for one in candidate_columns.terms(model, coupled, ranges) if one.kind in _OF_A_JOINT)
     low, high = float(plain.t.min()), float(plain.t.max())
     yield from candidate_columns.channels(model, torques, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
+    yield from candidate_columns.springs_of_motors(model, torques)
     yield from candidate_columns.payload_steps(model, np.linspace(low, high, 13)[1:-1].tolist())
     residual = np.where(plain.used, plain.y - np.einsum("mrp,p->mr", plain.W, beta), 0.0)
     for k, place in enumerate(places):

@@ -1,4 +1,4 @@
-"""Slopes of the model's torque by numbers of its geometry: home offsets of the joints, the direction of gravity."""
+"""Slopes of the model's torque by numbers of the device: home offsets, direction of gravity, compliance of motors."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 
@@ -27,6 +28,31 @@ def home_offset_slope(model: DynamicModel, k: int) -> Slope:
         history = context.history
         ahead, behind = (torque_of(model, context.chi, c + sign * direction, cd, cdd, history) for sign in (1, -1))
         return np.asarray((ahead - behind) / (2 * SLOPE_STEP))
+
+    return values
+
+
+def compliance_slope(model: DynamicModel, k: int) -> Slope:
+    """Slope by the compliance of a spring between row k's motor, whose position is logged, and what it moves.
+
+    The spring gives way by compliance times the bodies' torque, so that the load is behind the motor by that much, with
+    its velocity and acceleration. First order: right well below the frequency of the load on the spring.
+    """
+    own = np.eye(len(model.device.active))[:, k, None]
+
+    def values(context: ResidualContext) -> Array:
+        c, cd, cdd = context.motion
+        assert cdd is not None  # as callers require
+        chi, dt = rigid(model, context.chi), context.plan.motion.dt
+        d = context.torque(chi)[k]
+        rate = np.gradient(d, dt)
+        behind = [own * signal for signal in (d, rate, np.gradient(rate, dt))]
+        step = SLOPE_STEP / max(float(np.abs(d).max()), np.finfo(float).tiny)
+        ahead, now = (
+            torque_of(model, chi, c + s * behind[0], cd + s * behind[1], cdd + s * behind[2], context.history)
+            for s in (step, -step)
+        )
+        return np.asarray((now - ahead) / (2 * step))
 
     return values
 

@@ -257,6 +257,8 @@ class DrivenJoints:
         Dry friction near reversals is integrated in smaller steps.
         """
         x, v = np.split(begin.T, 2)
+        if not (np.isfinite(x).all() and np.abs(v).max(initial=0.0) < FASTEST):  # a step of parameters went far
+            raise self._diverged(self.begins, v)
         h, parts = self.step, self._parts(forward, x)
         states = np.empty((self.length + 1, 3, *x.shape))
         for k in range(self.length + 1):

@@ -105,12 +105,14 @@ def complete_logs(
         filters = [motions.clear(own) for own in filters]
     frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
     try:
-        motion = treat(_followed(model, part), filters[0])
-        known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
-        start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
-        frequencies = start.frequencies
-        _expect_between_samples(part, frequencies)
-        found = _with_little_noise(model, followed, filters, start, "torque_delay_s" not in given)
+        # A fit that goes astray is known by its simulation, which diverges, or by its passes, which do not settle.
+        with np.errstate(over="ignore", invalid="ignore"):
+            motion = treat(_followed(model, part), filters[0])
+            known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
+            start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
+            frequencies = start.frequencies
+            _expect_between_samples(part, frequencies)
+            found = _with_little_noise(model, followed, filters, start, "torque_delay_s" not in given)
     except IdentifiabilityError as error:
         raise hidden_stiffness(model, error, proposal.bandwidth_hz) from error
     except (ConvergenceError, SimulationError) as error:
