@@ -46,6 +46,8 @@ from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
 
 # Unseen error, per cent, from which zeros and directions of the joints are tried, of which there are dozens.
 _COUNTS = 5.0
+# The same from which a device with springs is identified.
+_FITTED = 2.0
 # Share of the error that a combination leaves where it may be why bodies cannot exist.
 _MENDED = 0.5
 # Changes that say what a channel is, of which one is made at a time.
@@ -277,7 +279,7 @@ def _elastic(
     springs = _springs(chosen)
     places = [place for one in springs for place in one.candidate.places]
     motors = [motor.name for motor in found.model.device.motors]
-    if not springs and left * before < ROUGH_ERROR:
+    if before < _FITTED or not (springs or left * before >= ROUGH_ERROR):
         return None
     some = [name for name in motors if f"motor {name}" in places] or motors
     delays = found.proposal.treatment.torque_delay_s
