@@ -10,7 +10,7 @@ import pytest
 
 import haptid
 from elastic_motors import DT, FVM, STEP, TERMS, TRUTH, K, arm, assert_within, axis, recorded, treated
-from haptid.errors import IdentifiabilityError
+from haptid.errors import IdentifiabilityError, SimulationError
 from haptid.estimation import MotorSide
 from haptid.estimation.methods.motor_noise import _rounded, with_noise_uncertainty
 from haptid.estimation.methods.motor_side import noise_of_rows
@@ -313,3 +313,35 @@ def test_the_torque_of_other_motion_is_that_of_the_rows_of_the_fit():
     every, some = other_motion(whole), other_motion(motors)
     states = len(every) // len(kept)
     np.testing.assert_array_equal(some, every.reshape(len(kept), states, -1)[kept].reshape(len(some), -1))
+
+
+def of_the_motor(log: haptid.Log) -> haptid.Log:
+    """The log without the link's position."""
+    position = replace(log.channels.position, channels=("theta",), gain=(), offset=())
+    return replace(
+        log, position=np.ascontiguousarray(log.position[:, 1:]), channels=replace(log.channels, position=position)
+    )
+
+
+def test_a_begin_that_ran_away_is_an_error_of_the_simulation():
+    model, log = axis(), recorded(seconds=1.4)
+    motion = treated(log)
+    joints = DrivenJoints(smooth(model, [motion], 1e-3), motion, 200, base_columns(model))
+    beta = np.array([TRUTH[name] for name in model.base.names])
+    begin = np.full((len(joints.begins), 2), np.nan)
+    with pytest.raises(SimulationError, match="diverge"):
+        joints.apart(beta, begin)
+
+
+def test_terms_on_motorised_joints_are_on_rotors_and_initial_values_are_found():
+    model = axis(terms=[*TERMS, {"kind": "offset", "joints": "motorised"}])
+    alone = of_the_motor(recorded(3))
+    _, found = complete_logs(model, [alone], [True])
+    stiffness = dict(zip(found.names, found.beta, strict=True))["KE1"]
+    assert stiffness == pytest.approx(K, rel=0.05)
+
+
+def test_springs_that_leave_most_of_the_error_are_not_fitted():
+    alone = of_the_motor(recorded(3))
+    with pytest.raises(IdentifiabilityError):
+        complete_logs(axis(), [alone], [True], most_left=1e-9)

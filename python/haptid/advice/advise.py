@@ -46,8 +46,8 @@ from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
 
 # Unseen error, per cent, from which zeros and directions of the joints are tried, of which there are dozens.
 _COUNTS = 5.0
-# The same from which a device with springs is identified.
-_FITTED = 2.0
+# The same from which a device with springs is identified: where springs to first order explain much, and elsewhere.
+_FITTED, _UNEXPLAINED = 2.0, 4.0
 # Share of the error that a combination leaves where it may be why bodies cannot exist.
 _MENDED = 0.5
 # Changes that say what a channel is, of which one is made at a time.
@@ -278,13 +278,15 @@ def _elastic(
     """
     springs = _springs(chosen)
     places = [place for one in springs for place in one.candidate.places]
-    motors = [motor.name for motor in found.model.device.motors]
-    if before < _FITTED or not (springs or left * before >= ROUGH_ERROR):
+    if before < _FITTED or not (springs or left * before >= _UNEXPLAINED):
         return None
-    some = [name for name in motors if f"motor {name}" in places] or motors
+    every = [motor.name for motor in found.model.device.motors]
+    some = [name for name in every if f"motor {name}" in places]
+    # A stiff motor's spring is not found: then the first order's motors are tried, and each of them alone.
+    tried = [own for own in dict.fromkeys([tuple(every), tuple(some), *((name,) for name in some)]) if own]
     delays = found.proposal.treatment.torque_delay_s
-    one = other_elasticity(found.model, part.observation.motions, some, delays)
-    if one is None or one.after > MOST_LEFT * left * before:
+    one = other_elasticity(found.model, part.observation.motions, tried, delays, MOST_LEFT * left * before)
+    if one is None:
         return None
     where, many = joined_names(one.places, most=8), "springs" if len(one.places) > 1 else "a spring"
     change = f"{CHANGES[ELASTIC].format(where=where)}, with {many} of about {stiffnesses(one.stiffness)}"

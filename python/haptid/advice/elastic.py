@@ -22,6 +22,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.inference.diagnosis.finding import joined_names
+from haptid.log.log import Log
 from haptid.motion.motion import Motion, treat
 from haptid.observation.observation import observe
 from haptid.treatment_choice.elasticity import parameters_of
@@ -32,6 +33,9 @@ from haptid.validation.validation import of_all_motors
 
 # Length of each half, s, at most: an error that no rigid body explains is large, and shows soon.
 _SECONDS = 15.0
+# Share of the squared error that initial values of the springs leave at most: else the fit, which takes longer, is not
+# made.
+_MOST_LEFT = 0.5
 # Length of the blocks by which two errors are paired, s.
 _BLOCK_S = 1.0
 
@@ -57,7 +61,11 @@ class OtherElasticity(OtherAssumption):
 
 
 def other_elasticity(
-    model: DynamicModel, motions: Sequence[Motion], motors: Sequence[str], delays: float | tuple[float, ...]
+    model: DynamicModel,
+    motions: Sequence[Motion],
+    tried: Sequence[Sequence[str]],
+    delays: float | tuple[float, ...],
+    most: float,
 ) -> OtherElasticity | None:
     """Motors behind springs, with the error that this leaves; None where it is not proven, or cannot be tried.
 
@@ -67,20 +75,32 @@ def other_elasticity(
     Args:
         model: of the rigid device.
         motions: treated signals of the fit.
-        motors: names of those that are tried.
+        tried: names of motors that are elastic together; the first of these sets that does is taken.
         delays: of the torque, s, that are right for the rigid device.
+        most: unseen error that springs leave at most, per cent.
     """
     log = max((m.log for m in motions if m.log is not None), key=lambda one: one.t.size, default=None)
     if log is None or model.device.elastic or model.device.sensors:
         return None
     part = log.busiest(2 * _SECONDS)
-    halves = [part.between(0, part.t.size // 2), part.between(part.t.size // 2, part.t.size)]
+    for motors in tried:
+        one = _tried(model, part, motors, delays)
+        if one is not None and one.proven(len(tried)) and one.after <= most:
+            return one
+    return None
+
+
+def _tried(
+    model: DynamicModel, log: Log, motors: Sequence[str], delays: float | tuple[float, ...]
+) -> OtherElasticity | None:
+    """Some motors behind springs; None where the device cannot have these, or the log does not show them."""
     edits = tuple(elastic_edits(model.device, motors))
+    halves = [log.between(0, log.t.size // 2), log.between(log.t.size // 2, log.t.size)]
     try:
         elastic = _with_terms(model, edits)
-        if not lacks_links(elastic, part):
+        if not lacks_links(elastic, log):
             return None
-        (_, unseen), found = complete_logs(elastic, halves, [True, False])
+        (_, unseen), found = complete_logs(elastic, halves, [True, False], most_left=_MOST_LEFT)
         treatment = found.observation.motions[0].treatment
         there = predict(found, treat(unseen, treatment))
         treatment = replace(treatment, torque_delay_s=delays)
@@ -89,10 +109,7 @@ def other_elasticity(
     except HaptidError:
         return None
     figures = _compared(here, there)
-    if figures is None:
-        return None
-    made = OtherElasticity(*figures, *_stiffness(found), edits)
-    return made if made.proven(1) else None
+    return None if figures is None else OtherElasticity(*figures, *_stiffness(found), edits)
 
 
 def _with_terms(model: DynamicModel, edits: Sequence[Edit]) -> DynamicModel:

@@ -64,6 +64,7 @@ def complete_logs(
     logs: Sequence[Log],
     fitting: Sequence[bool],
     measured: Mapping[str, float] | None = None,
+    most_left: float = np.inf,
     **given: Any,
 ) -> tuple[list[Log], Estimate]:
     """The logs with positions of the joints that springs alone move, and the estimate that they are simulated with.
@@ -74,6 +75,7 @@ def complete_logs(
         fitting: which of them the parameters are estimated from.
         measured: frequency of the link on the spring of each elastic motor by its frequency response, Hz, to begin
             with; None where there is none.
+        most_left: share of the error of rigid motors that initial values of the springs leave at most, of squares.
         given: settings of `Treatment` that are fixed.
 
     Raises:
@@ -111,6 +113,7 @@ def complete_logs(
             known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
             start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
             frequencies = start.frequencies
+            _expect_springs(start, rigid_fit, most_left)
             _expect_between_samples(part, frequencies)
             found = _with_little_noise(model, followed, filters, start, "torque_delay_s" not in given)
     except IdentifiabilityError as error:
@@ -284,6 +287,20 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
     hidden = [k for k, name in enumerate(log.channels.position.channels) if name.endswith(_SIMULATED)]
     made[:, hidden] = np.linalg.solve(model.device.row_map, course.c)[joints.unknown].T
     return replace(log, position=made)
+
+
+def _expect_springs(start: SpringStart, rigid: Estimate, most_left: float) -> None:
+    """Raise IdentifiabilityError where springs leave more than a share of what rigid motors leave, of squares."""
+    motors = rigid.observation.motors
+    left = sum(m.residual(rigid.beta) ** 2 / max(m.size(rigid.beta), 1e-300) ** 2 for m in motors) / len(motors)
+    if start.misfit > most_left * left:
+        raise IdentifiabilityError(
+            f"springs leave {start.misfit / left:.2g} of what rigid motors leave of the torque (limit {most_left:g}).",
+            where="springs",
+            found=start.misfit / left,
+            limit=most_left,
+            advice="The error has another cause.",
+        )
 
 
 def _expect_between_samples(log: Log, frequencies: Array) -> None:

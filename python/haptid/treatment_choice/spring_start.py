@@ -139,7 +139,9 @@ def _rigid_links(joints: DrivenJoints, rigid: Estimate, frequencies: Array) -> A
     parameters, names = model.device.parameters, rigid.model.device.parameters.names
     chi = np.zeros(len(parameters.names))
     for place, value in zip(rigid.model.base.independent_columns, rigid.beta, strict=True):
-        chi[parameters.index[names[place]]] = value
+        # A term on motorised joints is on the rotors of the elastic device, and has other names there.
+        if names[place] in parameters.index:
+            chi[parameters.index[names[place]]] = value
     for term in model.terms:
         if term.resists:
             chi[parameters.index[term.name]] = max(chi[parameters.index[term.name]], 0.0)
