@@ -77,6 +77,21 @@ def test_an_identification_loads_only_what_it_calls(rooms: str, absent: str) -> 
     assert not set(absent.split()) & set(run.stdout.splitlines()[-1].split())
 
 
+def test_most_dataclasses_are_not_made_when_they_are_loaded() -> None:
+    """Each costs half a millisecond."""
+    program = """
+import gc, haptid.cli.work, haptid.advice, haptid.report.report
+from haptid._internal.late import _Late
+own = [one for one in gc.get_objects() if isinstance(one, type) and "__dataclass_fields__" in vars(one)]
+own = [one for one in own if str(one.__module__).startswith("haptid.")]
+print(len(own), sum(isinstance(vars(one)["__dataclass_fields__"], _Late) for one in own))
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    classes, late = map(int, run.stdout.split())
+    assert classes > 300
+    assert late > 0.8 * classes
+
+
 def test_a_log_with_times_is_read_without_what_looks_for_channels(tmp_path) -> None:
     path = tmp_path / "log.csv"
     rows = [f"{0.01 * k:.2f},{math.sin(0.05 * k)},{math.cos(0.05 * k)}" for k in range(200)]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from html import escape
 from typing import Any, Protocol, TypeVar
 
 from haptid._internal.escaping import printable
+from haptid._internal.late import dataclass
 
 # Rows of a table that are shown, at a prompt and in a notebook.
 _FEW, _MANY = 14, 60

@@ -6,9 +6,10 @@ import os
 import shutil
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
+
+from haptid._internal.late import dataclass
 
 
 @dataclass(frozen=True)

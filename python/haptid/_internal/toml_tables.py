@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
+from haptid._internal.late import dataclass
 from haptid.errors import HaptidError, keys_here
 
 Model = TypeVar("Model", bound=BaseModel)

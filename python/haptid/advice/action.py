@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.advice.coarse import COARSER, RISES
 from haptid.advice.coarse import KIND as COARSE
 from haptid.advice.columns import ELASTIC, GIVES_WAY

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
+from haptid._internal.late import dataclass
 from haptid.advice.action import MASKS, Action, Advice
 from haptid.advice.edits import written
 from haptid.errors import HaptidError

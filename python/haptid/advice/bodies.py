@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.rows import TrialRows
 from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import core_mass, raw_parameters

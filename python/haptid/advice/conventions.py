@@ -7,12 +7,13 @@ out, and its axis may point the other way. The torque is then that of another ar
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.edits import Edit
 from haptid.advice.orders import one_to_one, undelayed
 from haptid.advice.rows import TrialRows, trial_rows

@@ -6,12 +6,12 @@ import copy
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.advice.columns import POWERS_OF_POSITION
 from haptid.advice.contact import BY_RESIDUAL
 from haptid.advice.recorder import faults

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.edits import Edit
 from haptid.advice.rows import TrialRows, trial_rows
 from haptid.advice.search import finer, large_enough, paired, unseen_percent, weights_of

@@ -7,13 +7,13 @@ The noise of the rows, and what its serial correlation adds to an interval, are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.regressor import regressor_columns
 from haptid.errors import HaptidError
 from haptid.estimation import Estimate

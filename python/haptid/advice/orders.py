@@ -7,12 +7,13 @@ another joint. No single change of a channel mends that.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, permutations
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.edits import Edit
 from haptid.advice.rows import trial_rows
 from haptid.advice.search import finer

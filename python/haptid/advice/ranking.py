@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.search import LARGE_GAIN, LARGE_SE, LEAST_SE, Proven, Trials, TriedChange, paired, unseen_percent
 from haptid.advice.trial import Bench, Trial, gain
 

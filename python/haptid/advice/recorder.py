@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.grams import Grams
 from haptid.advice.rows import BaseRows, Column, excerpts, trial_rows
 from haptid.dynamics.inverse import raw_parameters

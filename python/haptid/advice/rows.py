@@ -7,13 +7,14 @@ that all of them are solved from the same Gram matrices, and the log is passed t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.grams import Grams
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel

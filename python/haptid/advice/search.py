@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from itertools import combinations
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.contact import contact, elsewhere, kind_of

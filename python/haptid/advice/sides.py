@@ -7,12 +7,13 @@ the other axes of the base frame, as on a wall or under a ceiling.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.edits import Edit
 from haptid.advice.rows import TrialRows, trial_rows
 from haptid.advice.search import LEAST_SE, finer, large_enough, relative_squares, weights_of

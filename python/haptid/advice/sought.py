@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.bodies import Impossible, impossible, inertias_below_zero
 from haptid.advice.coarse import with_coarse_torques
 from haptid.advice.delays import with_delays, with_shift

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.limit_cycle import swinging_parts
 from haptid.inference.diagnosis.torsion import between_slips

@@ -7,11 +7,11 @@ no channel. Channels are numbered as the log has them. Nothing else relates the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import torque_map
 from haptid.motion.motion import Motion

@@ -8,7 +8,7 @@ error that of these paired differences.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import product
 
@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.grams import Grams
 from haptid.uncertainty.distributions import f_tail, signed_rank_tail, t_tail
 

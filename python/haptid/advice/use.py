@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.advice.search import LEAST_GAIN, LEAST_SE
 from haptid.study.identify import Identification
 from haptid.validation.model_for_use import NAMES, model_for_use

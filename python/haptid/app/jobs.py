@@ -12,7 +12,7 @@ import secrets
 import threading
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from enum import StrEnum
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -21,6 +21,7 @@ from typing import Any
 
 from haptid._internal.atomic_folder import write_file
 from haptid._internal.interruption import interruption_held
+from haptid._internal.late import dataclass
 from haptid.errors import WorkbenchError
 
 # Records that are kept, and what a cancelled process may take to end before it is killed, s.

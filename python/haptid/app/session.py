@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from starlette.routing import BaseRoute
 
+from haptid._internal.late import dataclass
 from haptid.app.answers import Asked
 from haptid.app.jobs import Jobs
 from haptid.app.recording import Live

@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -17,6 +16,7 @@ from rich.segment import Segment
 from rich.text import Text
 
 from haptid._internal.escaping import printable
+from haptid._internal.late import dataclass
 from haptid.errors import HaptidError
 
 if TYPE_CHECKING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.cli.options import named, numbers, one_or_each, ranges, wrong_option
 from haptid.device import Device
 from haptid.dynamics.model import DynamicModel

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from haptid._internal.late import dataclass
 from haptid.demos.accuracy import accuracy
 from haptid.demos.recordings import BenchRecording
 from haptid.estimation import Estimate

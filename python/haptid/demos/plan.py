@@ -6,7 +6,6 @@ import csv
 import json
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.toml_text import toml
 from haptid.demos.recordings import Take
 from haptid.report.document import DocumentSection

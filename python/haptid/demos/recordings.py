@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid._internal.extras import needing
+from haptid._internal.late import dataclass
 from haptid.device import read_device
 from haptid.device.elastic import without_torsion
 from haptid.dynamics.inverse import core_torque, inverse_dynamics, raw_parameters

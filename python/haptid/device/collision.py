@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.parts import Frame, Joint
 from haptid.device.toml.errors_at import Place, first_error

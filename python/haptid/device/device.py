@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.device.parameters import Combination, StandardParameters, Symmetry
 from haptid.device.parts import DistributionLaw, Gimbal, Handle, Joint, Motor, Prior
 from haptid.device.terms.term import Searched, TermColumn

@@ -6,11 +6,12 @@ Source: Spong (1987), J. Dyn. Sys. Meas. Control 109(4), (17)-(18): rotors have 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.device import Device
 from haptid.device.loops.formula import AnyClosure
 from haptid.device.parts import Joint, Motor

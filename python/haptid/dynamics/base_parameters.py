@@ -7,13 +7,13 @@ parameters kept are those of the literature.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.regressor import rows
 from haptid.errors import IdentifiabilityError
 

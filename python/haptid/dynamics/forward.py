@@ -7,11 +7,11 @@ M cdd + h, and friction is its magnitude times a factor, so linear in cdd for a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.late import dataclass
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.inverse import core_mass, core_torque
 from haptid.dynamics.model import DynamicModel

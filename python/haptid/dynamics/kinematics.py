@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, cross_product, expect, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device import Handle, poses
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.bounded_files import SYMBOLIC_JOINTS
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
 from haptid.device.terms.friction import DRY, LoadDependentFriction

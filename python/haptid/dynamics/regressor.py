@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.errors import MissingAccelerationError

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError, WorkspaceError

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze
+from haptid._internal.late import dataclass
 from haptid.dynamics.kinematics import HandleMotion
 
 # A component is determined where its part in the null space of the torques is smaller than this.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.workspace import Workspace
 from haptid.estimation import Estimate

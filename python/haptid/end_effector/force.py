@@ -7,12 +7,13 @@ hand's moment is a physical one, which the amplifiers' gain does not scale.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel

@@ -5,12 +5,11 @@ Source: De Luca and Mattone (2005), IEEE ICRA, eqs (10) to (14).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze_fields, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import core_torque, momentum, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of
 from haptid.dynamics.model import DynamicModel

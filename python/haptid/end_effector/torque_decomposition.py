@@ -5,12 +5,12 @@ Source: Tahmasebi et al. (2005), section III-E and figures 7 to 11.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn

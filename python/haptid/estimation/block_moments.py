@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 # Leverage above which a block alone determines a direction: without it the fit is singular.
 ALONE = 1.0 - 1e-6

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.errors import IdentifiabilityError, NoRowsError
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import r_factor

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from haptid._internal.arrays import Array, positive, whole
+from haptid._internal.late import dataclass
 from haptid.errors import ConvergenceError, SettingError, setting_error
 from haptid.estimation.block_moments import BATCH, BlockMoments
 from haptid.estimation.least_squares import Knowledge, Solution

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.uncertainty.figures import relative_se_cell, with_digits
 from haptid.uncertainty.quantities import LEVEL
 

@@ -10,12 +10,13 @@ filter), with exponential forgetting.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, setting_error
 from haptid.estimation.estimate import Estimate, estimate

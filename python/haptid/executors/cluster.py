@@ -5,10 +5,10 @@ from __future__ import annotations
 import pickle
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
+from haptid._internal.late import dataclass
 from haptid.errors import ExecutorError, MissingDependencyError
 from haptid.executors.executor import Item, Made, lost_item
 

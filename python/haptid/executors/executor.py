@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from haptid._internal.late import dataclass
 from haptid.errors import ExecutorError
 
 Item = TypeVar("Item")

@@ -8,12 +8,12 @@ import pickle
 import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
 
 from haptid._internal.interruption import interruption_held
+from haptid._internal.late import dataclass
 from haptid.errors import SettingError
 from haptid.executors.executor import Item, Made, lost_item
 

@@ -11,13 +11,13 @@ section 10.6), the average variance of a prediction, over random states of the w
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
 from haptid.dynamics.workspace import Workspace, workspace

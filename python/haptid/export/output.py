@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
 from haptid._internal.arrays import positive
 from haptid._internal.atomic_folder import publishing
+from haptid._internal.late import dataclass
 from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.errors import SettingError, setting_error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypedDict
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from haptid._core import __version__
 from haptid._internal.arrays import Array, expect, freeze_fields
 from haptid._internal.escaping import c_comment, one_line
+from haptid._internal.late import dataclass
 from haptid.device import Motor
 from haptid.dynamics.counterparts import parameters_on, without_sensors
 from haptid.dynamics.model import DynamicModel

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.elastic import torsion_places
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque, mass_matrix, momentum, raw_parameters, rigid

@@ -9,12 +9,12 @@ the parameters adds in the block's own motion, so that motion which was never id
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.errors import NoRowsError, setting_error
 from haptid.estimation import Estimate
 from haptid.observation.observation import MotorRows, Observation

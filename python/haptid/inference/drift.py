@@ -6,12 +6,12 @@ The regressor may be any other number that the parameters may depend on, such as
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.errors import SettingError
 from haptid.inference.comparison import Series, confidence_text, family_wise, significant
 from haptid.uncertainty.multiple_testing import holm_adjusted, se_above_rounding, two_sided

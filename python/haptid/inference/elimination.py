@@ -16,13 +16,14 @@ is the square of its cluster-robust t.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.errors import setting_error
 from haptid.estimation.bias import like
 from haptid.estimation.estimate import Estimate, Restricted, estimate

@@ -9,7 +9,6 @@ Domain Approach, 2nd ed., sections 2.7 (periodic measurements) and 2.8 (several 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -17,6 +16,7 @@ import numpy as np
 from numpy import fft
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid._internal.signals import fast_length
 from haptid.dynamics.counterparts import with_stiff_springs
 from haptid.dynamics.forward import ForwardDynamics

@@ -7,11 +7,10 @@ pendulum on an accelerated pivot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device import Gimbal
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel

@@ -7,13 +7,13 @@ significant where all of them together are.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid._internal.roots import bracketed_root
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel

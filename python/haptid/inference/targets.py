@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.device.priors import combined_prior
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device import Device, read_device
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel

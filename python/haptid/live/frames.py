@@ -17,12 +17,12 @@ All numbers are little-endian.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect
+from haptid._internal.late import dataclass
 from haptid.errors import HaptidError
 
 MAGIC, VERSION = b"HPTF", 1

@@ -14,12 +14,12 @@ from __future__ import annotations
 import bisect
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.errors import LogFileError, SettingError
 from haptid.live.frames import SampleFrame
 

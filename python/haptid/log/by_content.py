@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.late import dataclass
 from haptid.log.control_errors import errors_among, smaller_half
 from haptid.log.far_off import far_off
 

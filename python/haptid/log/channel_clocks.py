@@ -9,11 +9,10 @@ with time; the last coefficient is the drift.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import polynomial_filter
 from haptid.log.resampling import Spans
 

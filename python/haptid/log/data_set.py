@@ -5,12 +5,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from haptid._internal.atomic_folder import MANIFEST
+from haptid._internal.late import dataclass
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.file_format import FORMATS
 from haptid.log.formats.folders import natural

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from haptid._internal.bounded_files import LOG_FILE, open_regular
 from haptid._internal.extensions import extension, extension_names
 from haptid._internal.extras import needing
+from haptid._internal.late import dataclass
 from haptid.errors import LogFileError
 from haptid.log.formats.assignments import is_assignments
 from haptid.log.formats.controller_trace import HEAD, is_trace

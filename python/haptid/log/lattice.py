@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import kaiser_window, welch
 
 # Lattices that positions are rounded to, and by how much their steps differ from the encoder's, at most.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.display import Overview, displayed, tabulated
+from haptid._internal.late import dataclass
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array

@@ -7,12 +7,12 @@ cells of all other topics are empty; so do recorders of a bus, with a row for ev
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.late import dataclass
 from haptid.log.formats.sniff import RawChannel, channel_list
 from haptid.log.request import Merge
 

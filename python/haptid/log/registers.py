@@ -6,12 +6,11 @@ count down from 2^16 or 2^32 (two's complement, as Dynamixel's currents). Read a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 # Widths of words, and bits of the sign, that drives use.
 _WORDS, _SIGN_BITS = (16, 32), (10, 11, 15)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, get_args
 
+from haptid._internal.late import dataclass
 from haptid.errors import LogChannelError
 
 MergeMethod = Literal["linear", "hold", "nearest"]

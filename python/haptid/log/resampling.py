@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 # Grid points that are computed together, at fixed places; influence of a sample k away decays as (2 - sqrt(3))^k in
 # the interpolating spline, and as fast by the knot in the fitted one.

@@ -6,7 +6,7 @@ The rules are in `haptid.log.time_base`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import polynomial_filter, running_maximum
 from haptid.errors import LogTimeError
 from haptid.log.lost_rows import lost_rows

@@ -9,12 +9,12 @@ fast enough, the step of all channels over their speed says which.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import running_mean
 from haptid.log.spectrum import lattice_step
 

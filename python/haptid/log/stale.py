@@ -9,12 +9,12 @@ rest and at turning points.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.log.spectrum import lattice_step
 
 Mask = NDArray[np.bool_]

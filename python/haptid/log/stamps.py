@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.errors import LogTimeError
 from haptid.log.checks import all_usable, non_finite, usable
 

@@ -21,7 +21,6 @@ recognised, acted on by itself, and reported in a sentence with its size. A log 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.errors import LogTimeError
 from haptid.log.resampling import CARRIED, KNOT, Resampling, Spans
 from haptid.log.row_times import (

@@ -8,13 +8,13 @@ parallel filter; Tahmasebi, Taati, Mobasser and Hashtrudi-Zaad (2005), IEEE Conf
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields, positive, read_only, whole
+from haptid._internal.late import dataclass
 from haptid._internal.roots import bracketed_root
 from haptid.errors import TreatmentError
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields, positive
+from haptid._internal.late import dataclass
 from haptid._internal.signals import running_maximum
 from haptid.device import Device
 from haptid.errors import LogChannelError, LogDataError, LogMismatchError, NoRowsError

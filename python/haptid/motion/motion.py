@@ -6,7 +6,7 @@ them. Source of the filters: `haptid.motion.treatment`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid._internal.signals import both_ways
 from haptid.errors import LogTimeError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array

@@ -7,12 +7,12 @@ the result equals that of the whole log, and pieces can be computed in any order
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid._internal.signals import both_ways, pole_radius
 from haptid.log.lazy import OnDisk, as_array
 from haptid.log.resampling import Spans

@@ -8,7 +8,7 @@ torque and on every column of the observation matrix.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property, lru_cache
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze, positive, whole
 from haptid._internal.display import tabulated
+from haptid._internal.late import dataclass
 from haptid._internal.signals import butterworth
 from haptid.errors import MissingAccelerationError
 from haptid.motion.filters import (

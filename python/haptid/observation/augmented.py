@@ -7,13 +7,14 @@ same filter and cost one more reduction.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque
 from haptid.dynamics.model import DynamicModel

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.executors import Executor, SerialExecutor
 from haptid.motion.channels import check_log

@@ -7,7 +7,6 @@ import io
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from haptid._core import __version__
 from haptid._internal.arrays import Array
 from haptid._internal.kept_parts import KeptParts
+from haptid._internal.late import dataclass
 from haptid.observation.plan import Plan, RFactors
 
 # Fewest samples of a motion that is cached; a shorter one is reduced again faster than its R factors are read.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.device import INERTIAL, Device
 from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.dynamics.inverse import core_torque, raw_parameters

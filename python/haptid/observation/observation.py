@@ -7,7 +7,7 @@ QR decomposition (TSQR).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING, Literal
@@ -16,6 +16,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unknown_name

@@ -8,12 +8,13 @@ the motor's own instants, by interpolated velocities. Shifted by the same interp
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device import Device
 from haptid.device.terms.friction import DRY
 from haptid.device.terms.term import TermColumn

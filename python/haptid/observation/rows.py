@@ -7,13 +7,14 @@ change them, and reduce them to R factors like those of the observation they cam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import coordinate_torque
 from haptid.motion.motion import Motion

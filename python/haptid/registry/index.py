@@ -10,11 +10,11 @@ import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from haptid._internal.bounded_files import DEFINITION_FILE, RESULT_FILE, read_bounded
+from haptid._internal.late import dataclass
 from haptid.log.file_format import sha256_of
 
 IndexedKind = Literal["device", "study", "experiment", "log", "result"]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 # Colour-blind safe palette (Okabe and Ito 2008), by the names that charts use.
 COLOURS = ("black", "blue", "vermillion", "green", "purple", "orange", "sky", "yellow")

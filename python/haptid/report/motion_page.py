@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.experiment.bench.picture import stick_figure
 from haptid.experiment.excitation import Excitation, FurtherMotions, PlannedMotion

@@ -7,7 +7,6 @@ import io
 import json
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +16,7 @@ from jinja2 import TemplateError
 from haptid._core import __version__
 from haptid._internal.atomic_folder import publishing, verified, write_file
 from haptid._internal.bounded_files import REPORT_DATA, RESULT_FILE, read_at_most, read_bounded
+from haptid._internal.late import dataclass
 from haptid.errors import ResultFileError
 from haptid.report.page import page
 from haptid.report.section import Section

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self
 
+from haptid._internal.late import dataclass
 from haptid.report.chart import Chart
 from haptid.report.source import ReportSource
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.escaping import one_line
+from haptid._internal.late import dataclass
 from haptid.validation.prediction import Prediction
 
 # Tenths of a pixel: the picture, a panel, the space below it, and margins.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.device import Device
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.inverse import inverse_dynamics

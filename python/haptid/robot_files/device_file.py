@@ -6,11 +6,11 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.geometry import angles, least_turn
 from haptid.device.parameters import INERTIAL
 from haptid.device.parts import Joint

@@ -9,11 +9,11 @@ import csv
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.expressions import number
 from haptid.device.geometry import modified_dh, shift, turn_x, turn_z
 from haptid.device.toml.errors_at import Place

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.device.device import Device
 from haptid.errors import DeviceError, OutputFolderError, RobotFileError, suggestion
 from haptid.robot_files.balls import with_ball_hinges, without_spin

@@ -6,11 +6,11 @@ A spherical joint whose loop moves in a plane is a revolute cut across the plane
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.geometry import least_turn
 from haptid.robot_files.moving_tree import MovingTree
 from haptid.robot_files.tree import ClosingJoint

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
+from haptid._internal.late import dataclass
 from haptid.robot_files.xml import refused
 
 

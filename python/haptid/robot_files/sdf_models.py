@@ -8,9 +8,10 @@ Source: http://sdformat.org, "Composition" and "Pose frame semantics" of specifi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+from haptid._internal.late import dataclass
 from haptid._internal.numerals import whole_number
 from haptid.robot_files.paths import Roots
 from haptid.robot_files.xml import Element, parse, read_bytes

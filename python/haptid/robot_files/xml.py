@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
 from haptid._internal.bounded_files import ROBOT_FILE, read_bounded
+from haptid._internal.late import dataclass
 from haptid.errors import RobotFileError
 
 # Characters of a text that an error shows.

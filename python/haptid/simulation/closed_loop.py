@@ -7,11 +7,11 @@ minute then takes as many steps as one of a second or two, and a poor estimate c
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, SimulationError

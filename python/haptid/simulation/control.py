@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import DIFFERENCE_STEPS
 from haptid.errors import SettingError

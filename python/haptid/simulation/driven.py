@@ -13,11 +13,12 @@ be longer than the segment.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics, turning
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns

@@ -9,11 +9,10 @@ around it. Source: Nakamura (1990), Biometrika 77(1), of corrected scores.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.log.lattice import rounding_density

@@ -8,11 +8,12 @@ Above the motion a controller has nothing to follow, and its torque is that of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import kaiser_window
 from haptid.dynamics.model import DynamicModel
 from haptid.log.spectrum import bandwidth

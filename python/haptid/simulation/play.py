@@ -10,12 +10,11 @@ Mechanics and Applications, CISM 302, for the steps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid import _core
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 # Least inertia at a motor over its median: that of an estimate need not be positive in every pose.
 _LEAST = 0.1

@@ -7,11 +7,10 @@ trapezoidal rule, at the cost of about one simulation, whatever the number of pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns

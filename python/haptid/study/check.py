@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from haptid._internal.late import dataclass
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError, OptionError

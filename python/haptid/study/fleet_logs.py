@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from haptid._internal.late import dataclass
 from haptid.errors import LogFileError
 from haptid.log.file_format import FORMATS
 

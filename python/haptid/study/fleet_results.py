@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from haptid._core import __version__
 from haptid._internal.kept_parts import KeptParts
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.log import Log
 from haptid.log.file_format import sha256_of

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid._internal.bounded_files import BASE_PARAMETERS
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import EstimationError, NoRowsError, SharedRowsError

@@ -8,7 +8,7 @@ import platform
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 
 from haptid._internal.arrays import freeze
 from haptid._internal.blas_threads import on_one_blas_thread
+from haptid._internal.late import dataclass
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import EstimationError, HaptidError, LogFileError

@@ -6,13 +6,14 @@ import hashlib
 import io
 import json
 import zipfile
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.kept_parts import KeptParts
+from haptid._internal.late import dataclass
 from haptid.log.data_set import DataFile
 from haptid.observation.observation import MotorRows
 from haptid.observation.plan import Block

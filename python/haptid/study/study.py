@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.device import Device
 from haptid.estimation import ClusterRobust, Intervals, Method, TorqueNoise
 from haptid.inference.payloads import AttachedBody

@@ -9,12 +9,13 @@ stays uncertain is in the interval of every parameter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError

@@ -11,13 +11,14 @@ model lacks is late or early as well. Intervals are Student's t, with the degree
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Spread

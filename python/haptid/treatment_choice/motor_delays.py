@@ -8,11 +8,12 @@ score: nothing as long as it does not move the motors, because a derivative of n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.estimation import WLS, Estimate
 from haptid.estimation.methods.motor_side import MotorFit
 from haptid.treatment_choice.delay_estimate import delay_prior, delay_setting, likely_delays, usual_delay

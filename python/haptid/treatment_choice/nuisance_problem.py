@@ -7,12 +7,13 @@ more column. Columns change with parameters and nuisances, so callers take Gauss
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered

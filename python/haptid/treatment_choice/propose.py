@@ -8,7 +8,7 @@ are made long enough to be independent.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from itertools import takewhile
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import estimate

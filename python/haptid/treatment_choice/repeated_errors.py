@@ -8,13 +8,13 @@ over the phases, beyond what the scores of single periods explain, is variance t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.block_moments import Adjustment

@@ -15,11 +15,12 @@ those of the log do not. So each lattice has a step of its own, a little larger 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log

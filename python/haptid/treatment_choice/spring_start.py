@@ -9,11 +9,11 @@ Springer Series in Chemical Physics 18; the steps are Marquardt's). Links that i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SimulationError
 from haptid.estimation import Estimate

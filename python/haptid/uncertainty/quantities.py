@@ -8,7 +8,7 @@ over time). The quantile of Student's t times a standard error is computed in `h
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.uncertainty.distributions import t_quantile
 from haptid.uncertainty.figures import with_digits
 

@@ -9,12 +9,13 @@ physically consistent, unless held-out rows say otherwise.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ConvergenceError, PhysicalConsistencyError
 from haptid.estimation import Estimate, Method, estimate

@@ -6,11 +6,10 @@ a prediction for each motor requires the distribution law of the device file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import raw_parameters
 from haptid.errors import IncompleteDeviceError
 from haptid.estimation import Estimate

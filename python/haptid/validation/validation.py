@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
 from haptid.estimation.torque_shares import carrying, shares_of_torque

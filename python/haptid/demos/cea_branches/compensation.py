@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.demos.cea_branches.plan import Compensating, Sweep
 from haptid.end_effector.characterisation import apparent_mass
 from haptid.end_effector.compensation import (

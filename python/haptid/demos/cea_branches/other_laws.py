@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.demos.cea_branches.compensation import HandTrial, hand_trial
 from haptid.demos.cea_branches.plan import Compensating, Sweep
 from haptid.dynamics.kinematics import handle_motion

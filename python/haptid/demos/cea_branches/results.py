@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.demos.cea_branches.compensation import Compensated, compensated
 from haptid.demos.cea_branches.interface import IdentifiedInterface, identified_interface
 from haptid.demos.cea_branches.other_laws import LawInHand, other_laws

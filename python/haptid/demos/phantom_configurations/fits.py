@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.demos.phantom_configurations.plan import PhantomDemo
 from haptid.demos.recordings import BenchRecording
 from haptid.device.parameters import standard_parameters

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.demos.phantom_configurations.fits import Fit
 from haptid.demos.phantom_configurations.plan import Hand
 from haptid.demos.recordings import BenchRecording

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.demos.flaws import FlawedDevice, figures, range_sentence
 from haptid.demos.phantom_configurations.fits import Fit, Fits, fit_all, fitted
 from haptid.demos.phantom_configurations.hand import HandForces, hand_forces

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.geometry import joint_poses
 from haptid.device.loops.formula import AnyClosure
 from haptid.device.loops.relations import nearest, relation_text

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.expressions import JointPolynomial
 from haptid.device.loops.linear import Closure, Followed
 from haptid.device.loops.newton import NewtonClosure

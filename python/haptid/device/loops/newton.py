@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.loops.chain import NEWTON_STEPS, Chain, close_cuts, compiled
 from haptid.device.loops.linear import ClosureProblem, Followed
 from haptid.device.parts import Cut

@@ -7,12 +7,12 @@ in the active ones: all entries are combinations of few cosines and sines, of on
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.device import Device
 from haptid.device.loops.linear import Closure
 from haptid.device.parts import Cut, Joint

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from haptid._internal.extensions import extension, extension_names
+from haptid._internal.late import dataclass
 from haptid.device.expressions import column
 from haptid.device.terms.custom import constant_names, with_constants
 from haptid.device.terms.term import TermColumn

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 # Laws of a state between -1 and 1 that follows the displacement, and their searchable constants.
 LAWS = {

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, PLACES, LoadDependentFriction
 from haptid.device.terms.presliding import Presliding

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from haptid._internal.late import dataclass
 from haptid._internal.toml_tables import Fault
 from haptid.errors import DeviceFileError, suggestion
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from haptid._internal.arrays import Array
 from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
+from haptid._internal.late import dataclass
 from haptid._internal.toml_tables import Syntax, toml_values
 from haptid.device.collision import read_shapes
 from haptid.device.device import Device, TorqueRows

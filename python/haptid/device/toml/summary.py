@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
+from haptid._internal.late import dataclass
 from haptid.device.device import Device
 from haptid.device.parts import Joint, Motor
 from haptid.device.terms.spring import Counterbalance

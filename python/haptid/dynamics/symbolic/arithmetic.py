@@ -7,7 +7,6 @@ Residues are int64 from 0 to p - 1. Primes are below 2^30, so a product is below
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from math import prod
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from haptid import _core
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 
 Residues = NDArray[np.int64]
 

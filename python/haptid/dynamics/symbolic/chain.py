@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence, Set
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device import Closure, Counterbalance, Device, TermColumn
 from haptid.device.toml.schema import AnyDevice
 from haptid.dynamics.symbolic.arithmetic import ZERO, Laurent, Points, PrimeField, Residues, powers

@@ -10,13 +10,13 @@ derivatives of the others' rows of the mass matrix.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 
 from haptid import _core
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device import NewtonClosure
 from haptid.device.expressions import number
 from haptid.dynamics.model import DynamicModel

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
+from haptid._internal.late import dataclass
 from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Powers
 
 # Parameter names split into kind and owner.

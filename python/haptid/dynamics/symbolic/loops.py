@@ -8,12 +8,12 @@ the loop closure.
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.device import Closure, Device, NewtonClosure
 from haptid.device.loops.from_toml import Loops
 from haptid.device.parts import Joint

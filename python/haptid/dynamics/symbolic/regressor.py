@@ -7,11 +7,11 @@ terms here.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid import _core
+from haptid._internal.late import dataclass
 from haptid.dynamics.symbolic.arithmetic import Points, PrimeField, Reals, Residues, UnluckyDrawError
 from haptid.dynamics.symbolic.chain import States, SymbolicChain
 from haptid.dynamics.symbolic.geometry import joint_placements

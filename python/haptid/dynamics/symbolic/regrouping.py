@@ -11,7 +11,7 @@ Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.device import FormulaClosure, NewtonClosure
 from haptid.device.expressions import CustomColumn
 from haptid.device.toml.reader import read_tables

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.device.expressions import number
 from haptid.device.loops.relations import nearest
 from haptid.device.toml.errors_at import Place

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from haptid import _core
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.end_effector.characterisation.jacobian import LINEAR, check_pose_settings

@@ -6,7 +6,6 @@ Source: Janot et al. (2007), section V, eqs (18) and (19): F = M xdd + B xd + K 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace

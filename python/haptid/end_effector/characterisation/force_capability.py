@@ -10,12 +10,12 @@ Source: Bouchard, Gosselin and Moore (2010), ASME J. Mechanisms Robotics 2(1), 0
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import HandleJacobian

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import RedundancyError, setting_error

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.counterparts import parameters_on
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import unknown_name

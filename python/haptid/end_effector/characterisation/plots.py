@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze_fields
 from haptid._internal.extras import needing
+from haptid._internal.late import dataclass
 from haptid.uncertainty.quantities import Field
 
 with needing("drawing pictures"):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.escaping import write_csv
+from haptid._internal.late import dataclass
 from haptid.end_effector.characterisation.characterise import Characterisation
 from haptid.errors import IncompleteDeviceError
 from haptid.uncertainty.quantities import Field

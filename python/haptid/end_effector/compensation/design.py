@@ -23,13 +23,14 @@ frequencies are searched for the reason given by Chawda, Celik and O'Malley (201
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.late import dataclass
 from haptid._internal.pareto import pareto_front
 from haptid.end_effector.characterisation.characterise import characterise
 from haptid.end_effector.compensation.hands import HandModel, HandMotion, published_hands

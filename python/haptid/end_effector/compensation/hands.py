@@ -8,10 +8,10 @@ that the person moves by the spring and damper of the arm:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 from haptid._internal.arrays import positive
+from haptid._internal.late import dataclass
 from haptid.errors import setting_error
 
 

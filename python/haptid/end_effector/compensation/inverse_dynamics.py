@@ -11,11 +11,11 @@ unchanged with a damper 2 zeta w M and a spring w^2 M.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import core_torque, mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.regressor import external

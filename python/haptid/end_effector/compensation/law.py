@@ -39,12 +39,12 @@ included.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive
+from haptid._internal.late import dataclass
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.inverse import core_momentum, core_torque, inverse_dynamics, mass_matrix, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_motion, handle_of

@@ -16,13 +16,13 @@ For a virtual wall, H = K + D (1 - 1/z) / T, this is b > K T / 2 + |D|.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
+from haptid._internal.late import dataclass
 from haptid.end_effector.compensation.hands import HandModel
 from haptid.errors import setting_error
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.force_capability import limit_of_joint
 from haptid.errors import setting_error, unknown_name

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.uncertainty.quantities import Field
 
 

@@ -8,11 +8,12 @@ freedom, motion range, peak and continuous force, back-drive friction, inertia, 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
+from haptid._internal.late import dataclass
 from haptid.device.elastic import without_torsion
 from haptid.dynamics.counterparts import with_stiff_springs, without_sensors
 from haptid.dynamics.kinematics import handle_motion

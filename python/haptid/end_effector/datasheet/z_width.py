@@ -12,12 +12,12 @@ a quantised wall is passive where besides K <= 2 Fc / D, with dry friction Fc an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.end_effector.compensation import Feedback, HandModel, SampledLoop
 
 # Bounds of a stiffness, N/m, and halvings of the search (in the logarithm).

@@ -12,12 +12,12 @@ over masses and places within their limits: a price of 0 balances best, and grea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze
+from haptid._internal.late import dataclass
 from haptid._internal.pareto import pareto_front
 from haptid.device.parameters import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters

@@ -13,13 +13,13 @@ felt mass and force count; its own mass is not counted, and on a moving link it 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, positive
+from haptid._internal.late import dataclass
 from haptid._internal.pareto import pareto_front
 from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.dynamics.model import DynamicModel

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from numpy.typing import ArrayLike
 
+from haptid._internal.late import dataclass
 from haptid.end_effector.characterisation.model import IdentifiedModel
 from haptid.end_effector.datasheet.instruments import DeviceInstruments
 from haptid.end_effector.redesign.counterweights import (

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze
+from haptid._internal.late import dataclass
 from haptid.device import INERTIAL
 from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel

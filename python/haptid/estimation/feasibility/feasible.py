@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import Cone, ConeBlock, ConePart, cone, parts, pseudo_inertia

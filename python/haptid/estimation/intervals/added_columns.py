@@ -8,13 +8,13 @@ eigendecomposition of each time block's leverage. An added column borders that d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
 from scipy import linalg, special
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.estimation.block_moments import ALONE, LOW_LEVERAGE
 from haptid.estimation.intervals.cluster_robust import LEAST_DOF
 from haptid.observation.observation import MotorRows, stacked

@@ -7,12 +7,12 @@ delete-one-log jackknife estimates the variance of the parameters over days, wha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.estimation.block_moments import Adjustment, BlockMoments
 from haptid.estimation.intervals.covariance import with_prior_variance
 from haptid.estimation.method import Fit

@@ -8,12 +8,12 @@ effective blocks. Fixed-b (`FixedB`) takes the scores as a time series instead. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array, whole
+from haptid._internal.late import dataclass
 from haptid.errors import setting_error
 from haptid.estimation.block_moments import Adjustment, BlockMoments
 from haptid.estimation.intervals.covariance import Spread, with_prior_variance

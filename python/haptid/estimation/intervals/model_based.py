@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy import fft
 
 from haptid._internal.arrays import Array, read_only
+from haptid._internal.late import dataclass
 from haptid._internal.signals import fast_length
 from haptid.estimation.intervals.covariance import Spread
 from haptid.estimation.method import Fit, expect_whole

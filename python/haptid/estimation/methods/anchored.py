@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.device import Closure, Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.errors import IdentifiabilityError, SettingError, setting_error
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, expect_whole

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.estimation.block_moments import BlockMoments
 from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve

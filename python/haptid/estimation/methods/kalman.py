@@ -13,13 +13,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.methods.simulation_based import SimulationBased, base_columns, by_block

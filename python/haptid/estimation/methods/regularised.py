@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import clarabel
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
+from haptid._internal.late import dataclass
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError, setting_error

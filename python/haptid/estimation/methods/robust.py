@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar, Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitVarianceRows, expect_positive, expect_whole
 from haptid.estimation.methods.wls import no_torque

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import FREE_SHARE, Method, UnitVarianceRows, expect_whole

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.parameters import standard_parameters
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import BaseParameters

@@ -9,11 +9,12 @@ of the term's column at two neighbouring values (Golub and Pereyra 1973, SIAM J.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.terms.term import Searched
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import EstimationError, SettingError, index_of

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device import NewtonClosure, TermColumn
 from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel

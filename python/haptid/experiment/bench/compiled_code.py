@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import verified
+from haptid._internal.late import dataclass
 from haptid.errors import ExportError, MissingDependencyError, setting_error
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")

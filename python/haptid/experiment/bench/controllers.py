@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate

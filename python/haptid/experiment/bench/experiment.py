@@ -6,7 +6,6 @@ The pydantic tables are the format, with the unit and the default of every key; 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid._internal.toml_tables import read_checked
 from haptid.device import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters, tensor

@@ -12,11 +12,12 @@ not of the device. Two sine frequencies distinguish mass from stiffness; a singl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
 from haptid.end_effector.compensation.hands import HandModel

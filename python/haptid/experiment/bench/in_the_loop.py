@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.kinematics import handle_motion
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking

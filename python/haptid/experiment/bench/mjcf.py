@@ -7,7 +7,6 @@ see docs/bench.md. Source: MuJoCo documentation, "Computation", sections "Constr
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from math import factorial
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect
 from haptid._internal.escaping import printable
+from haptid._internal.late import dataclass
 from haptid.device import Cut, FormulaClosure, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.compensation.hands import HandModel

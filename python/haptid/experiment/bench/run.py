@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.extras import needing
+from haptid._internal.late import dataclass
 from haptid.device import read_device
 from haptid.device.elastic import rotors, torsion_places
 from haptid.dynamics.inverse import core_torque

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.compensation.hands import HandModel
 from haptid.errors import ExperimentError, IncompleteDeviceError

@@ -7,13 +7,13 @@ joints, or one for each.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.elastic import rotors, without_torsion
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentError, TrajectoryError

@@ -8,11 +8,10 @@ smaller distance than the least one found are halved, down to a tolerance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
+from haptid._internal.late import dataclass
 from haptid.experiment.collision.distances import CollisionModel, ancestors
 
 # Error of the least distance, m.

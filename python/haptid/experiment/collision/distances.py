@@ -8,7 +8,6 @@ MuJoCo's `mj_geomDistance`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.device import CollisionShape, poses
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SettingError

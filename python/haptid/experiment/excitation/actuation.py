@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import special
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel

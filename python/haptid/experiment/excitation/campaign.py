@@ -7,11 +7,11 @@ choice and exchange among random poses (Fedorov 1972, Theory of Optimal Experime
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.static import static_model
 from haptid.errors import SettingError, TrajectoryError

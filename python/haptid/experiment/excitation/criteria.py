@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Protocol
 
@@ -18,6 +18,7 @@ from scipy import linalg
 
 from haptid import _core
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
 from haptid.experiment.bench.trajectories import Trajectory

@@ -12,12 +12,13 @@ Source: Nocedal and Wright (2006), Numerical Optimization, sections 7.3 and 18.3
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.experiment.excitation.families import Basis
 from haptid.experiment.excitation.limits import MotionBounds
 

@@ -7,12 +7,12 @@ to all positions, velocities and accelerations, whatever the number of harmonics
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device import Followed
 from haptid.dynamics.regressor import CoreChannels
 from haptid.experiment.collision import CollisionModel

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
+from haptid._internal.late import dataclass
 from haptid.errors import SettingError
 from haptid.experiment.excitation.samples import MotionSamples, literal_row
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.escaping import write_csv
+from haptid._internal.late import dataclass
 from haptid.errors import SettingError
 from haptid.experiment.bench.trajectories import Fourier
 from haptid.experiment.excitation.mcap import trajectory_file

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import optimize
 
 from haptid._internal.arrays import Array
 from haptid._internal.blas_threads import on_one_blas_thread
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import LoopClosureError, SettingError, SingularityError, TrajectoryError
 from haptid.estimation.methods.constrained import indices

@@ -8,12 +8,13 @@ Source: covariance of least squares under serially correlated noise, Hannan (197
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy import fft
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import fast_length
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MotionTooShortError

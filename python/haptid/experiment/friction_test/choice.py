@@ -12,11 +12,11 @@ for which there are too few points are not tested, and not counted.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 from haptid.uncertainty.distributions import f_tail
 from haptid.uncertainty.multiple_testing import holm_adjusted

@@ -9,11 +9,11 @@ Source: Janot et al. (2007), section 4, "constant-velocity runs".
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields, positive
+from haptid._internal.late import dataclass
 from haptid._internal.signals import running_maximum, running_mean
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
+
+from haptid._internal.late import dataclass
 
 ARITHMETIC = ("+", "-", "*", "/")
 # Outputs that are matrices, row-major, and the length of a row; -1 for the number of coordinates.

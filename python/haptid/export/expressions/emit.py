@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from haptid._internal.late import dataclass
 from haptid.export.expressions.dialects import ARITHMETIC, DOUBLE, Dialect, Keeping
 from haptid.export.expressions.graph import PARAMETER, RUN, Expr, Graph
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
+
+from haptid._internal.late import dataclass
 
 # Evaluation time of a node: when the code is generated, once per parameter set, or at every call.
 CONSTANT, PARAMETER, RUN = range(3)

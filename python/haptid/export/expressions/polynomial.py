@@ -10,8 +10,8 @@ import itertools
 import random
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+from haptid._internal.late import dataclass
 from haptid.export.expressions.factoring import factored
 from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from haptid._internal.late import dataclass
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import cross, dot, vector
 

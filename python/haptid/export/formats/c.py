@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
 
+from haptid._internal.late import dataclass
 from haptid.export.expressions.dialects import DOUBLE, SINGLE
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c_source import Files

@@ -6,7 +6,7 @@ import re
 import string
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from importlib import resources
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.escaping import c_comment
+from haptid._internal.late import dataclass
 from haptid.device.elastic import torsion_places
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C

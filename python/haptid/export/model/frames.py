@@ -5,9 +5,8 @@ In a group of parallel axes each link's absolute angle moves only its own bar, w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.parts import Frame
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import Turn, Vector, constant_vector, cross, forth, plus, rotated, zero

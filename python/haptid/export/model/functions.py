@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.device.parts import DistributionLaw
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import index_of

@@ -8,8 +8,7 @@ Source: Featherstone (2008), Rigid Body Dynamics Algorithms, sections 2.10 and 5
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from haptid._internal.late import dataclass
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import Turn, Vector, back, combined, cross, dot, forth, plus, rotated, zero
 from haptid.export.model.newton import Bodies

@@ -8,12 +8,12 @@ tau_c - B' A'^+ tau_z (Khalil and Dombre 2002, sections 7.5 and 10.5). Nothing i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.loops.formula import FormulaClosure
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure

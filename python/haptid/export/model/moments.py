@@ -8,11 +8,11 @@ eliminate the zz entries.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.device.parameters import INERTIAL
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import NO_EFFECT, regroup, select_independent

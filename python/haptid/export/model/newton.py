@@ -7,12 +7,12 @@ place of inertias, and absolute angles in groups of parallel axes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.parameters import INERTIAL
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import (

@@ -7,12 +7,12 @@ are unknown.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.loops.relations import nearest

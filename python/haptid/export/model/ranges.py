@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.functions_in_intervals import Interval
 from haptid.export.output import CCode

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.inference.joint_tests import DETECTION_POWER, JointTests
 from haptid.uncertainty.distributions import t_quantile
 from haptid.uncertainty.multiple_testing import holm_adjusted, johansen_p, se_above_rounding, two_sided

@@ -9,11 +9,12 @@ parameters already fitted are mistaken for structure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.added_columns import Bordered

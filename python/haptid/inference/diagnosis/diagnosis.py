@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid._internal.display import Overview, displayed
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import raw_parameters
 from haptid.errors import index_of
 from haptid.estimation import Estimate, MotorSide

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import WELL_CONDITIONED
 from haptid.inference.diagnosis.finding import Finding, Status, joined_names

@@ -12,12 +12,13 @@ terms at the estimate, and the F-test is cluster-robust.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingAccelerationError, SettingError, SimulationError

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
+
+from haptid._internal.late import dataclass
 
 Status = Literal["ok", "doubt", "bad"]
 ORDER: tuple[Status, ...] = ("ok", "doubt", "bad")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows

@@ -10,12 +10,12 @@ Source: Nordin and Gutman (2002), Automatica 38(10), section 4.1, on limit cycle
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import fft
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import Finding, shown_time
 from haptid.log import Log

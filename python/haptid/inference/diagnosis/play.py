@@ -9,12 +9,13 @@ wider filters.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.errors import HaptidError

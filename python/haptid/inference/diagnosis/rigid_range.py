@@ -12,12 +12,12 @@ Brillinger (1981), Time Series: Data Analysis and Theory, section 8.6, with the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.late import dataclass
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.finding import Finding, joined_names

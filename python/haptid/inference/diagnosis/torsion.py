@@ -11,12 +11,12 @@ changes at an unknown time.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.errors import HaptidError
 from haptid.estimation import Estimate, MotorSide
 from haptid.inference.diagnosis.added_variable import device_rows

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
+from haptid._internal.late import dataclass
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import BODIES, NEGATIVE, Finding, Status, joined_names, worst
 from haptid.uncertainty.figures import per_cent

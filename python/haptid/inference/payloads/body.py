@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, positive, read_only
+from haptid._internal.late import dataclass
 from haptid.device.parts import Joint
 from haptid.device.priors import TENSOR
 from haptid.errors import ConvergenceError, PhysicalConsistencyError, SettingError

@@ -8,12 +8,13 @@ load's effect; another link is the better one where it takes away clearly more o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ConvergenceError, listed
 from haptid.inference.payloads.body import AttachedBody

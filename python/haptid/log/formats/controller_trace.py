@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import islice
 from pathlib import Path
 from xml.parsers import expat
@@ -17,6 +17,7 @@ from xml.parsers import expat
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.numerals import whole_number
 from haptid.errors import LogFileError
 from haptid.log.formats.encoding import encoding_of, opened_text

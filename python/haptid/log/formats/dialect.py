@@ -6,10 +6,10 @@ import csv
 import re
 from collections import Counter
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from haptid._internal.late import dataclass
 from haptid._internal.numerals import whole_number
 from haptid.log.formats import headers
 from haptid.log.formats.dates import DATE

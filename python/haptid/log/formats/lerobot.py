@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid._internal.numerals import whole_number
 from haptid.errors import LogFileError
 from haptid.log.formats import parquet

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pyarrow as pa
 from pyarrow import parquet, types
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.sniff import (
     MOST_CHANNELS,

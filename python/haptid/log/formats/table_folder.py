@@ -11,13 +11,14 @@ signals.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.errors import LogFileError
 from haptid.log.formats.folders import DUMP, is_pattern, matched_files, table_files
 from haptid.log.formats.sniff import RawChannel, check_members

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.log.formats.sniff import RawChannel, group_of
 from haptid.log.registers import Register
 

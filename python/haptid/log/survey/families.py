@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from haptid._internal.late import dataclass
 from haptid.log.survey.channels import A_PART, OF_DEVICE, STATED, ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.joint_names import matched
 from haptid.log.survey.names import (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.diagnosis.finding import joined_names
 from haptid.report.chart import COLOURS, Chart, figure, packed

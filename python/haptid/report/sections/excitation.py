@@ -6,12 +6,12 @@ u = H^-1 e_k / (H^-1)_kk it is u' H u, a sum over motors and blocks of rows (Fri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.excitation import advice
 from haptid.inference.diagnosis.verdict import QUOTABLE

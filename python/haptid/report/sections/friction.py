@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.late import dataclass
 from haptid.end_effector.characterisation import Characterisation, GivenParameters, characterise
 from haptid.errors import RedundancyError, SettingError
 from haptid.report.chart import Chart, figure, packed

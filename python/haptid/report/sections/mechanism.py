@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device import Frame, NewtonClosure
 from haptid.device.loops.formula import AnyClosure, FormulaClosure
 from haptid.dynamics.inverse import raw_parameters, rigid

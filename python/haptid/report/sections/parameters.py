@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import HaptidError, RegroupingError
 from haptid.estimation import Estimate, Parameter

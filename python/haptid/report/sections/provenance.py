@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, ClassVar
 
 from haptid._core import __version__
+from haptid._internal.late import dataclass
 from haptid.estimation import PhysicallyConsistent
 from haptid.report.citations import bibtex
 from haptid.report.section import Section

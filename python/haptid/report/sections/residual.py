@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid._internal.signals import hann_window, welch
 from haptid.inference.diagnosis import FrequencyRange
 from haptid.inference.frequency_response import FrequencyResponse, modelled_compliance

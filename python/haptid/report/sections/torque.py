@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from haptid._internal.late import dataclass
 from haptid.report.chart import MEASURED, PREDICTED, RESIDUAL, Chart, axis, envelope, figure, plot, shaded
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track

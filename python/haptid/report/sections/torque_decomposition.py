@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.report.chart import COLOURS, Chart, axis, chart_series, even, packed, plot, quantised
 from haptid.report.section import Section

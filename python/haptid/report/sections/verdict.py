@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
+from haptid._internal.late import dataclass
 from haptid.inference.diagnosis import Finding
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, criterion

@@ -13,12 +13,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.late import dataclass
 from haptid.log.formats.sniff import MOST_CHANNELS
 
 # Values of one message that are named; elements of an array that are not numbers.

@@ -11,11 +11,11 @@ import bz2
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 from haptid._internal.bounded_files import amount_text
+from haptid._internal.late import dataclass
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.formats.sniff import corrupt, opened_file
 

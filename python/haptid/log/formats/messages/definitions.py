@@ -7,7 +7,8 @@ Source: ROS 2 interface definition (design.ros2.org/articles/interface_definitio
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+
+from haptid._internal.late import dataclass
 
 # Primitive type -> NumPy type, little endian.
 PRIMITIVES = {

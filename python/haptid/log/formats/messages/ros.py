@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.late import dataclass
 from haptid.log.formats.messages.batch import HEADER, MOST_ELEMENTS, Batch, Decoder, Numbers, Samples, flatten
 from haptid.log.formats.messages.definitions import PRIMITIVES, Types, parse
 

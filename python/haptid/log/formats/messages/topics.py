@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.late import dataclass
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log.formats.messages.batch import HEADER, Batch, Decoder
 from haptid.log.formats.messages.container import Container, Topic
