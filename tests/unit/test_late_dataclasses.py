@@ -131,6 +131,33 @@ class Concrete(Abstract):
         return self.x + self.y
 
 @dataclass(frozen=True)
+class Halfway(Abstract):
+    """Still abstract, but for what the decorator writes."""
+
+    y: float = 1.0
+
+class Textual(ABC):
+    """A base that asks for a text."""
+
+    @abstractmethod
+    def __repr__(self): ...
+
+@dataclass(frozen=True)
+class Text(Textual):
+    """Has one."""
+
+    x: float = 1.0
+
+class Meta(type):
+    """A metaclass."""
+
+@dataclass(frozen=True)
+class Made(metaclass=Meta):
+    """By it."""
+
+    x: float = 1.0
+
+@dataclass(frozen=True)
 class Box(Generic[T]):
     """A generic class."""
 
@@ -234,6 +261,12 @@ Point(1.0) < Point(2.0)
 Slotted().__slots__, hasattr(Slotted(), "__dict__")
 Abstract(1.0)
 Concrete(1.0).f(), Concrete(1.0)
+Concrete(1.0) == Concrete(1.0), isinstance(Concrete(1.0), Abstract), isinstance(1.0, Concrete)
+Halfway(1.0)
+Halfway.__abstractmethods__, Text.__abstractmethods__
+Text(), setattr(Concrete(1.0), "x", 2.0)
+setattr(Concrete(1.0), "z", 2.0)
+Made() == Made(), Made()
 Box[int](1), Box(1) == Box(1)
 told, Below(), told
 Obeying(2.0).f()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
+from abc import ABCMeta, update_abstractmethods
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,13 +24,15 @@ else:
         What that decorator refuses (a mutable default, a frozen subclass of one that is not), it refuses then.
 
         At once are made the few classes that are not frozen, and those in which its work can be told apart: with slots
-        (another class), a metaclass, bases that are told of subclasses, or own methods of the names that it writes.
+        (another class), a metaclass of their own, bases that are told of subclasses, or own methods of the names that
+        it writes.
         """
         if cls is None:
             return functools.partial(dataclass, **settings)
         names = _written(**settings)
+        apart = "__slots__" in vars(cls) or type(cls) not in (type, ABCMeta)
         told = any("__init_subclass__" in vars(base) for base in cls.__mro__[1:-1])
-        if not names or names & vars(cls).keys() or "__slots__" in vars(cls) or type(cls) is not type or told:
+        if not names or names & vars(cls).keys() or apart or told:
             return dataclasses.dataclass(cls, **settings)
         names |= set() if cls.__doc__ else {"__doc__"}
         body = dict(vars(cls))
@@ -41,7 +44,7 @@ else:
         for work in (first, other):
             for name in work.names:
                 setattr(cls, name, _Late(name, work))
-        return cls
+        return update_abstractmethods(cls)
 
 
 # What an object is made with. Texts and comparisons, a third of the work, are written when one of them is used.
@@ -89,10 +92,10 @@ class _Work:
         The decorator works on a copy, for it looks at what a class has: without the late ones the class itself would
         be without methods while other threads use it. Two threads may both do the work; what either writes is right.
         """
-        copy = type(self.cls.__name__, self.cls.__bases__, {})
+        copy: type = type(self.cls)(self.cls.__name__, self.cls.__bases__, {})
         copy.__qualname__ = self.cls.__qualname__
         for name, value in self.body.items():
-            if name not in ("__dict__", "__weakref__"):
+            if name not in ("__dict__", "__weakref__", "__abstractmethods__", "_abc_impl"):
                 setattr(copy, name, value)
         dataclasses.dataclass(**self.settings)(copy)
         for name in self.names:
