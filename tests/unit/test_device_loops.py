@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptid.advice import columns
 from haptid.device import poses, read_device
 from haptid.device.geometry import joint_poses
+from haptid.device.loops import from_toml
+from haptid.device.toml import reader
 from haptid.errors import DeviceFileError, LoopClosureError
 
 LENGTH = st.floats(0.05, 1.0)
@@ -231,3 +235,30 @@ def test_loops_that_leave_nothing_to_move_are_refused(tmp_path: Path) -> None:
     text = four_bar(0.3, 0.1, 0.3, 0.1).replace('passive = ["forearm"', 'passive = ["arm", "lever", "forearm"')
     with pytest.raises(DeviceFileError, match="all joints are passive"):
         device_of(tmp_path, text)
+
+
+@pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "sr400"])
+def test_a_linear_motion_that_closes_loops_of_other_lengths_is_theirs(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = read_device(name)
+    others = [columns.changed(device.tables, what.key, what.step) for what, _ in columns._lengths(device.tables)]
+    searched = [reader.device_of(tables, name).closure for tables in others]
+    monkeypatch.delattr(from_toml, "find_linear_motions")
+    closing = partial(from_toml.close_as, device.closure)
+    for tables, expected in zip(others, searched, strict=True):
+        closure = reader.device_of(tables, name, closing).closure
+        np.testing.assert_array_equal(closure.G, expected.G)
+        np.testing.assert_array_equal(closure.offset, expected.offset)
+        assert (closure.error, closure.relations) == (expected.error, expected.relations)
+        assert closure.cuts[0] is not device.closure.cuts[0]
+
+
+def test_a_linear_motion_that_closes_them_no_more_is_not(tmp_path: Path) -> None:
+    """One bar of a parallelogram is longer: its passive joints no longer move at constant rates."""
+    guess = 'guess = { forearm = 0.3 }\ncut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "forearm", '
+    loop = f"{guess}frame_b = {{ d = 0.2 }} }}"
+    device = device_of(tmp_path, four_bar(0.3, 0.2, 0.3, 0.2, loop))
+    longer = columns.changed(device.tables, ("joints", 2, "d"), 1e-3)
+    closing = partial(from_toml.close_as, device.closure)
+    assert reader.device_of(longer, "loop", closing).closure.varying.any()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from haptid._internal.late import dataclass
 from haptid.advice.recorder import ChannelFault
 from haptid.advice.rows import Column
 from haptid.advice.torque_channels import TorqueChannels
+from haptid.device.loops.from_toml import close_as
 from haptid.device.terms.presliding import Presliding
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.inverse import rigid
@@ -328,10 +330,11 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
             Source("zero offset", f"joint {device.joints[j].name}", k, (_on_all_rows(home_offset_slope(model, k)),)),
         )
     lengths, plain = dict(_lengths(device.tables)), device.tables.model_copy(update={"targets": {}})
+    closing = partial(close_as, device.closure)
     longest = max(map(abs, lengths.values()), default=0.0)
     for what in (replace(one, most=_BELIEVED * longest) for one in lengths):
         try:
-            other = DynamicModel(device_of(changed(plain, what.key, what.step), device.name))
+            other = DynamicModel(device_of(changed(plain, what.key, what.step), device.name, closing))
         except HaptidError:
             continue
         if other.mechanism is not None and len(other.terms) == len(model.terms):

@@ -158,6 +158,18 @@ def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tup
     return Closure(G, offset, error, relations, loops.cuts), notes
 
 
+def close_as(
+    known: AnyClosure, joints: Sequence[Joint], active: tuple[int, ...], loops: Loops
+) -> tuple[AnyClosure, tuple[str, ...]]:
+    """As `close`; a known linear motion that closes these loops too, up to rounding, needs no search."""
+    if isinstance(known, Closure) and loops.cuts and not loops.known and known.G.shape == (len(joints), len(active)):
+        chain = Chain.of(joints, loops.cuts, active)
+        error = chain.gap(known.G, known.offset, _POSES)
+        if error < EXACT * chain.size:
+            return replace(known, error=error, cuts=loops.cuts), ()
+    return close(joints, active, loops)
+
+
 def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, place: Place) -> Cut:
     """A cut joint, its two frames in normal form."""
     index = {"base": -1, **{joint.name: k for k, joint in enumerate(joints)}}

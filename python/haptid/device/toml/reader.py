@@ -159,15 +159,15 @@ def keeping(device: Device, names: Sequence[str]) -> Device:
     return device_of(tables, device.name).with_gravity(device.gravity)
 
 
-def device_of(tables: AnyDevice, file: str) -> Device:
-    """The device of checked tables; `file` is its name in errors.
+def device_of(tables: AnyDevice, file: str, closing: LoopClosing = close) -> Device:
+    """The device of checked tables; `file` is its name in errors, `closing` closes its loops.
 
     Raises:
         DeviceError: see `read_device`.
     """
     place = Place(file)
     tables, reader, base, joints, loops = _geometry(tables, place)
-    moving = _moving(tables, reader, joints, loops, close, place)
+    moving = _moving(tables, reader, joints, loops, closing, place)
     joints, terms = moving.joints, moving.terms
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)
