@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,12 +16,12 @@ from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.chain import Chain
 from haptid.device.loops.formula import AnyClosure, FormulaClosure, formula_closure
 from haptid.device.loops.linear import Closure, ClosureProblem, LinearMotion, find_linear_motions
-from haptid.device.loops.newton import newton_closure, open_loops
+from haptid.device.loops.newton import NewtonClosure, measured_closure, newton_closure, open_loops
 from haptid.device.loops.relations import EXACT, nearest, polynomial_text, relation_text
 from haptid.device.parts import Cut, Joint
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import CutTable, LoopTable
-from haptid.errors import DeviceFileError
+from haptid.errors import DeviceFileError, LoopClosureError, SingularityError
 
 # A loop is closed if its gap stays below this share of the mechanism's size.
 _CLOSED = 1e-6
@@ -161,13 +162,22 @@ def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tup
 def close_as(
     known: AnyClosure, joints: Sequence[Joint], active: tuple[int, ...], loops: Loops
 ) -> tuple[AnyClosure, tuple[str, ...]]:
-    """As `close`; a known linear motion that closes these loops too, up to rounding, needs no search."""
-    if isinstance(known, Closure) and loops.cuts and not loops.known and known.G.shape == (len(joints), len(active)):
+    """As `close`; a known closure that closes these loops too, up to rounding, needs no search."""
+    fits = loops.cuts and not loops.known and known.constant.shape == (len(joints), len(active))
+    if fits and isinstance(known, Closure | NewtonClosure):
         chain = Chain.of(joints, loops.cuts, active)
-        error = chain.gap(known.G, known.offset, _POSES)
-        if error < EXACT * chain.size:
-            return replace(known, error=error, cuts=loops.cuts), ()
+        with suppress(LoopClosureError, SingularityError):
+            moved = _moved(known, chain)
+            if moved.error < EXACT * chain.size and np.array_equal(moved.varying, known.varying):
+                return moved, ()
     return close(joints, active, loops)
+
+
+def _moved(known: Closure | NewtonClosure, chain: Chain) -> Closure | NewtonClosure:
+    """The closure for a chain of other lengths, its error measured."""
+    if isinstance(known, NewtonClosure):
+        return measured_closure(known.moved_to(chain))
+    return replace(known, error=chain.gap(known.G, known.offset, _POSES), cuts=chain.cuts)
 
 
 def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, place: Place) -> Cut:

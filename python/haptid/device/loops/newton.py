@@ -272,7 +272,9 @@ def newton_closure(problem: ClosureProblem, known: Mapping[int, str], place: Pla
         raise _singular(f"{place}: at the start pose", chain.active_text(start_pose), open_by, place.key)
     varying = np.zeros(constant.shape, dtype=bool)
     varying[unknown] = True
-    measured = _measured(NewtonClosure(chain, constant, constants, tuple(unknown), start_pose, q, varying, 0.0, ()))
+    measured = measured_closure(
+        NewtonClosure(chain, constant, constants, tuple(unknown), start_pose, q, varying, 0.0, ())
+    )
     names = [f"q{chain.joints[k].name}" for k in chain.active]
     relations = dict(known)
     for j in unknown:
@@ -281,7 +283,7 @@ def newton_closure(problem: ClosureProblem, known: Mapping[int, str], place: Pla
     return replace(measured, relations=tuple(relations[j] for j in sorted(relations)))
 
 
-def _measured(closure: NewtonClosure) -> NewtonClosure:
+def measured_closure(closure: NewtonClosure) -> NewtonClosure:
     """With the closure error, and rates that are zero everywhere not marked as varying."""
     rng = np.random.default_rng(0)
     followed = closure.follow(closure.draw(rng, _POSES))
