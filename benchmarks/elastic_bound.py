@@ -16,16 +16,16 @@ import numpy as np
 
 import haptid
 from elastic_coverage import ENCODERS, PLANTS, in_closed_form, model_of, of_motors, parameters, recorded
-from haptid.dynamics.forward import ForwardDynamics
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.log.lattice import rounding_density
-from haptid.motion.channels import coordinates, position_map
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints, unloaded_joints
+from haptid.simulation.information import information
+from haptid.simulation.small_motion import SmallMotion
 from haptid.treatment_choice.hidden_joints import lacks_links
 
 RESULT = Path(__file__).parent / "results/elastic-bound.json"
-HIGHEST_HZ, POSES, LENGTH = 45.0, 24, 250
+HIGHEST_HZ, LENGTH = 45.0, 250
 
 
 def bounds(name: str, seed: int) -> dict[str, float]:
@@ -35,23 +35,14 @@ def bounds(name: str, seed: int) -> dict[str, float]:
     assert lacks_links(model, of_motors(model, log))
     delay = 0.0 if name == "axis" else 0.5 * float(log.dt)
     motion = haptid.treat(log, haptid.Treatment(cutoff_hz=150.0, parallel_cutoff_hz=12.0, torque_delay_s=delay))
-    beta, base, device = model.base.of(parameters(name)), base_columns(model), model.device
+    beta, base = model.base.of(parameters(name)), base_columns(model)
     joints = DrivenJoints(smooth(model, [motion], 1e-3), motion, LENGTH, base)
-    course, rows, n, dt = joints.met(beta), joints.motors, len(motion), float(motion.dt)
+    course, rows, dt = joints.met(beta), joints.motors, float(motion.dt)
     rates = np.gradient(course.torque[rows], dt, axis=1)
     late = np.eye(len(rows))[:, :, None] * rates[:, None]
-    window = np.hanning(n)
-    f = np.fft.rfftfreq(n, dt)
-    J = np.fft.rfft(np.concatenate([course.slope, late], axis=1) * np.sqrt(window / window.mean()), axis=2)
-    # The motors' torque by their positions, at poses of the motion.
-    low, high = motion.usable
-    poses = np.linspace(low, high - 1, POSES + 2).astype(int)[1:-1]
-    c, cd, cdd = (np.ascontiguousarray(x[:, poses - low]) for x in coordinates(device, motion, low, high))
-    B, unknown = np.asarray(device.row_map), unloaded_joints(model)
-    known = np.delete(np.arange(len(B)), unknown)
-    parts = ForwardDynamics(model, base @ beta).slopes(c, cd, cdd).transpose(1, 3, 0, 2) @ B
-    own = B[:, unknown].T
-    to_joints = (np.linalg.inv(B) @ position_map(device, motion)(np.eye(motion.q.shape[1])))[known]
+    J = np.concatenate([course.slope, late], axis=1)
+    linear = SmallMotion.along(model, base, beta, motion, unloaded_joints(model), rows)
+    torque, seen = 2 * dt * plant.noise**2 * np.eye(len(rows)), linear.moved.any(axis=0)
     made = {}
     for encoders in ENCODERS:
         step = (
@@ -59,20 +50,11 @@ def bounds(name: str, seed: int) -> dict[str, float]:
             if encoders == "4000 counts"
             else np.full(len(rows), 2 * np.pi / 4096)
         )
-        moved = to_joints[:, to_joints.any(axis=0)]
-        g, density = rounding_density(np.asarray(motion.q[:])[:, to_joints.any(axis=0)], step, dt)
-        info = np.zeros((2, J.shape[1], J.shape[1]))
-        for k in np.flatnonzero((f > 0) & (f < HIGHEST_HZ)):
-            A = sum(part * (2j * np.pi * f[k]) ** i for i, part in enumerate(parts))
-            back = np.linalg.inv(own @ A[..., unknown]) @ own
-            through = np.eye(len(B))[rows] - A[:, rows][..., unknown] @ back
-            Z = through @ A[..., known] @ moved
-            S = ((Z * [np.interp(f[k], g, one) for one in density]) @ Z.conj().transpose(0, 2, 1)).mean(axis=0)
-            S = S + 2 * dt * plant.noise**2 * np.eye(len(rows))
-            own_info = 4 * dt / n * (J[:, :, k].conj().T @ np.linalg.solve(S, J[:, :, k])).real
-            info[0] += own_info
-            info[1] += own_info * (f[k] < 1.5 * plant.highest)
-        for band, matrix in zip(("all", "filtered"), info, strict=True):
+        steps = np.zeros(len(seen))
+        steps[seen] = step
+        noise = rounding_density(np.asarray(motion.q[:]), steps, dt)
+        for band, highest in (("all", HIGHEST_HZ), ("filtered", 1.5 * plant.highest)):
+            matrix, _ = information(linear, J, dt, noise, torque, highest)
             for what, size in (("delay known", len(beta)), ("delay found", len(matrix))):
                 se = np.sqrt(np.diag(np.linalg.inv(matrix[:size, :size])))
                 for k, parameter in enumerate(model.base.names):

@@ -59,6 +59,18 @@ def recorded(seed: int = 1, seconds: float = 20.0, offset: float | None = None) 
     return haptid.Log(Path("made"), "", t, seen, torques, channels)
 
 
+def quasi_static(noise: float, stiffness: float = 6000.0, seconds: float = 6.0) -> haptid.Log:
+    """Both sides of the axis far below the resonance of its stiff spring, with white noise of the positions, rad."""
+    rng, t = np.random.default_rng(5), DT * np.arange(round(seconds / DT))
+    s = 2j * np.pi * np.array([0.5, 1.1, 1.9, 2.8, 3.7])
+    Q = (1.5 / np.abs(s)) * np.exp(1j * rng.uniform(0, 2 * np.pi, 5))
+    motor = Q * (J * s**2 + (FV + D) * s + stiffness) / (D * s + stiffness)
+    torque = motor * (IA * s**2 + FVM * s) + (stiffness + D * s) * (motor - Q)
+    q, theta, tau = ((x[:, None] * np.exp(s[:, None] * t)).real.sum(axis=0) for x in (Q, motor, torque))
+    seen = np.column_stack([q, theta]) + noise * rng.standard_normal((len(t), 2))
+    return haptid.Log(Path("made"), "", t, seen, tau[:, None], recorded().channels)
+
+
 def treated(log: haptid.Log, cutoff_hz: float = 80.0, parallel_cutoff_hz: float = 25.0) -> haptid.Motion:
     settings = haptid.Treatment(cutoff_hz=cutoff_hz, decimation=10, parallel_cutoff_hz=parallel_cutoff_hz)
     return haptid.treat(log, settings)

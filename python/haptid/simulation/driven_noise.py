@@ -13,17 +13,16 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.late import dataclass
-from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.log.lattice import rounding_density
 from haptid.log.spectrum import spectra
-from haptid.motion.channels import coordinates, position_map
 from haptid.motion.motion import Motion
 from haptid.simulation.driven import unloaded_joints
 from haptid.simulation.loop import Loop, loop_of
+from haptid.simulation.small_motion import SmallMotion
 
-# Poses of the motion, and frequencies up to the filter's cut-off, over which the noise is integrated.
-_POSES, _FREQUENCIES = 24, 600
+# Frequencies up to the filter's cut-off over which the noise is integrated.
+_FREQUENCIES = 600
 # Frequencies that are computed at once.
 _TOGETHER = 8
 # Times its cut-off from which on the parallel filter passes less than a thousandth.
@@ -51,12 +50,22 @@ class MotionNoise:
             model: the dynamic model.
             motion: of a log.
         """
-        assert motion.log is not None
-        dt, own = float(motion.log.dt), spectra(motion.log)
-        steps = np.array([spectrum.step or spectrum.recorded for spectrum in own])
-        f, density = rounding_density(np.asarray(motion.q[:]), steps, dt)
-        white = [0.0 if step else 2 * dt * spectrum.white(dt) for step, spectrum in zip(steps, own, strict=True)]
-        return MotionNoise(f, density + np.array(white)[:, None], loop_of(model, motion))
+        return MotionNoise(*encoder_density(motion), loop_of(model, motion))
+
+
+def encoder_density(motion: Motion, finer: float = 1.0) -> tuple[Array, Array]:
+    """Frequencies, (bins,), Hz, and density of the encoders' noise, (channels, bins), rad^2/Hz or m^2/Hz.
+
+    Args:
+        motion: of a log.
+        finer: by which the encoders' steps are divided.
+    """
+    assert motion.log is not None
+    dt, own = float(motion.log.dt), spectra(motion.log)
+    steps = np.array([spectrum.step or spectrum.recorded for spectrum in own])
+    f, density = rounding_density(np.asarray(motion.q[:]), steps / finer, dt)
+    white = [0.0 if step else 2 * dt * spectrum.white(dt) for step, spectrum in zip(steps, own, strict=True)]
+    return f, density + np.array(white)[:, None] / finer**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,42 +108,22 @@ def noise_moments(
     passed = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(len(taps))) * dt) @ taps) ** 2
     power = highest / _FREQUENCIES * passed
     density = np.array([np.interp(f, noise.f, own) for own in noise.density])
-    low, high = motion.usable
-    samples = np.linspace(low, high - 1, _POSES + 2).astype(int)[1:-1]
-    c, cd, cdd = (np.ascontiguousarray(x[:, samples - low]) for x in coordinates(device, motion, low, high))
-    B, unknown = np.asarray(device.row_map), unloaded_joints(model)
-    known = np.delete(np.arange(len(B)), unknown)
-    moved = (np.linalg.inv(B) @ position_map(device, motion)(np.eye(len(density))))[known]
-    noisy = moved.any(axis=0) & density.any(axis=1)
-    moved, density = moved[:, noisy], np.sqrt(density[noisy])
-    parts = [_impedances(ForwardDynamics(model, base[:, k]), c, cd, cdd, B) for k in range(len(beta))]
-    by_beta = np.array(parts).transpose(2, 3, 0, 1, 4)  # (poses, rows, p, 3, joints)
-    poses, n, p = by_beta.shape[:3]
-    impedance = np.einsum("arkdj,k->darj", by_beta, beta)
-    every = np.ascontiguousarray(by_beta).reshape(poses, n * p, -1)
     rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
-    own, motors, loop = B[:, unknown].T, np.arange(len(rows)), noise.loop
+    linear, p = SmallMotion.along(model, base, beta, motion, unloaded_joints(model), rows), len(beta)
+    noisy = linear.moved.any(axis=0) & density.any(axis=1)
+    moved, density = linear.moved[:, noisy], np.sqrt(density[noisy])
+    motors, loop, poses = np.arange(len(rows)), noise.loop, linear.impedance.shape[1]
     # By the encoders, and by torque of unit density.
     N, b, late, error = np.zeros((len(rows), p, p)), np.zeros((len(rows), p)), np.zeros(len(rows)), np.zeros(len(rows))
     by_torque, late_by_torque = np.zeros_like(b), np.zeros_like(late)
     for part in np.array_split(np.arange(len(f)), -(-len(f) // _TOGETHER)):
-        s = (2j * np.pi * f[part])[:, None, None, None]
-        A = impedance[0] + s * impedance[1] + s**2 * impedance[2]
-        back = np.linalg.inv(own @ A[..., unknown]) @ own  # motion of the unknown joints by torque of the rows
-        through = np.eye(n)[rows] - A[..., rows, :][..., unknown] @ back
-        Z = through @ A[..., known]  # torque of the motors by their motion
+        at = linear.at(2j * np.pi * f[part])
+        s, Z = at.s, at.Z
         read = np.broadcast_to(moved * density[:, part].T[:, None, None], (*Z.shape[:2], *moved.shape))
         # Where motors and feedback are known, noise of the encoders moves the motors too, and so does that of torque.
-        G = np.linalg.inv(Z + loop.at(s.ravel())[:, None]) if loop else np.zeros((*Z.shape[:2], len(known), 0))
+        G = np.linalg.inv(Z + loop.at(s.ravel())[:, None]) if loop else np.zeros((*Z.shape[:2], Z.shape[-1], 0))
         spread = np.concatenate([G @ (Z @ read) if loop else read, G], axis=-1)
-        v = np.zeros((len(part), poses, n, spread.shape[-1]), dtype=complex)
-        v[..., known, :] = spread
-        v[..., unknown, :] = -back @ (A[..., known] @ spread)
-        rates = np.concatenate([v, s * v, s**2 * v], axis=2)
-        direct = every @ np.concatenate([rates.real, rates.imag], axis=-1)
-        direct = direct[..., : v.shape[-1]] + 1j * direct[..., v.shape[-1] :]
-        # What the unknown joints do about it is added: (frequencies, poses, rows, p, channels).
-        dH = (through @ direct.reshape(len(part), poses, n, -1)).reshape(len(part), poses, len(rows), p, -1)
+        dH = at.by_parameters(spread)
         weight, channels = np.sqrt(power[part] / poses)[:, None, None, None], read.shape[-1]
         seen = _real((weight[..., None] * dH[..., :channels]).transpose(2, 3, 0, 1, 4).reshape(len(rows), p, -1))
         missed, rate = (weight * x for x in (Z @ read, s * (Z @ spread[..., :channels])))
@@ -155,8 +144,3 @@ def noise_moments(
 def _real(x: np.ndarray) -> Array:
     """Real and imaginary parts, one behind the other in the last dimension."""
     return np.concatenate([x.real, x.imag], axis=-1)
-
-
-def _impedances(forward: ForwardDynamics, c: Array, cd: Array, cdd: Array, B: Array) -> Array:
-    """Derivatives of the rows' torque by positions, velocities and accelerations of the joints, (3, poses, n, n)."""
-    return np.asarray(forward.slopes(c, cd, cdd).transpose(1, 3, 0, 2) @ B)

@@ -11,7 +11,7 @@ Source: Fuller (1987), Measurement Error Models, section 2.2, for the attenuatio
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,11 +23,13 @@ from haptid.errors import IdentifiabilityError, LogTimeError
 from haptid.estimation import Estimate
 from haptid.estimation.methods.errors_in_variables import MOST_NOISE
 from haptid.estimation.methods.motor_noise import shares_of_motor_noise
+from haptid.estimation.methods.motor_side import MotorSide
 from haptid.log import Log
 from haptid.log.spectrum import bandwidth, spectra
 from haptid.motion.motion import treat
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.noise_effect import possible_noise
+from haptid.treatment_choice.spring_bound import SAMPLES, SpringBound, parameters_of, spring_bound
 from haptid.uncertainty.figures import per_cent
 
 # Largest relative standard error of a stiffness that counts as known, and largest share of noise in its column.
@@ -38,8 +40,10 @@ _KNOWN, _NOISE = 0.25, 0.1
 _OF_MOTORS = 0.15
 # Half widths of 95 % intervals of stiffness and damping, per cent, above which a note says how well they are known.
 _WANTED = {"spring": 2.0, "viscous": 10.0}
-# Fewest samples in a period of the fastest motion: the filters of an elastic device need the torque of all of it.
-_SAMPLES = 7.0
+# Where a method could tell what is wanted, and that of haptid is refused.
+_NOT_REACHED = (
+    "That would do, and haptid does not reach it: it weighs all frequencies alike, and noise grows with frequency."
+)
 # Length of a log on which its noise is compared with the motion, s.
 _SECONDS = 120.0
 # Largest factor by which more motion is advised from one log.
@@ -52,13 +56,13 @@ def expect_fast_sampling(model: DynamicModel, logs: Sequence[Log]) -> None:
         return
     for log in logs:
         highest, rate = bandwidth(log.busiest(_SECONDS)), log.rate_hz
-        if rate < _SAMPLES * highest:
+        if rate < SAMPLES * highest:
             raise LogTimeError(
                 f"{log.path.name} has {rate:.4g} samples a second, and motion up to {highest:.3g} Hz: too few to see a "
-                f"spring behind a motor (at least {_SAMPLES:g} samples a period, {_SAMPLES * highest:.3g} Hz).",
+                f"spring behind a motor (at least {SAMPLES:g} samples a period, {SAMPLES * highest:.3g} Hz).",
                 where=log.path.name,
                 found=rate,
-                limit=_SAMPLES * highest,
+                limit=SAMPLES * highest,
                 advice="Record at a higher rate.",
             )
 
@@ -78,8 +82,7 @@ def expect_elasticity(found: Estimate, highest: float) -> None:
     treatment, found_spectra = found.observation.motions[0].treatment, [spectra(log) for log in logs]
     rows = observe(model, *(treat(log, treatment) for log in logs))
     shares = noise_shares(found, logs, possible_noise(rows, found.free, logs, found_spectra))
-    _expect_little_noise(found, shares, highest, _NOISE)
-    expect_known(found, highest)
+    _expect_shown(found, shares, highest, _NOISE)
     for drive in model.device.elastic:
         for name in (*parameters_of(model, drive, "viscous"), *parameters_of(model, drive, "rotor")):
             low, high = found[name].conf_int(0.99)
@@ -102,8 +105,7 @@ def expect_stiffness_of_motors(found: Estimate, highest: float) -> None:
         found: by `MotorSide`.
         highest: frequency that the motion goes up to, Hz.
     """
-    _expect_little_noise(found, shares_of_motor_noise(found), highest, _OF_MOTORS)
-    expect_known(found, highest)
+    _expect_shown(found, shares_of_motor_noise(found), highest, _OF_MOTORS)
 
 
 def noise_of_stiffness(found: Estimate) -> float:
@@ -129,6 +131,33 @@ def hidden_stiffness(model: DynamicModel, error: IdentifiabilityError, highest: 
     }
     name = str(error.where)
     return _hidden(own.get(name, model.device.elastic[0]), name, float(error.found), highest, MOST_NOISE)
+
+
+def with_bound(error: IdentifiabilityError, bound: SpringBound | None) -> IdentifiabilityError:
+    """The error of logs that do not show a stiffness, with what they tell at best."""
+    if bound is None:
+        return error
+    text = str(error).removesuffix(error.advice).strip()
+    missed = f" {_NOT_REACHED}" if bound.reached else ""
+    advice = f"{error.advice} {bound.advice}".strip()
+    made = f"{text} {bound.sentence}{missed}"
+    return IdentifiabilityError(made, where=error.where, found=error.found, limit=error.limit, advice=advice)
+
+
+def bound_of(found: Estimate, highest: float, remedies: bool = True) -> SpringBound | None:
+    """What the logs of an estimate tell at best; motion goes up to `highest`, Hz."""
+    alone = isinstance(found.method, MotorSide)
+    delays = not isinstance(found.method, MotorSide) or found.method.delays
+    return spring_bound(found.observation, found.beta, highest, not alone, delays, remedies)
+
+
+def _expect_shown(found: Estimate, shares: Array, highest: float, limit: float) -> None:
+    """Raise IdentifiabilityError where noise hides a stiffness, or it is hardly known."""
+    try:
+        _expect_little_noise(found, shares, highest, limit)
+        expect_known(found, highest)
+    except IdentifiabilityError as error:
+        raise with_bound(error, bound_of(found, highest)) from None
 
 
 def _expect_little_noise(found: Estimate, shares: Array, highest: float, limit: float) -> None:
@@ -185,6 +214,8 @@ def with_bounds(found: Estimate, highest: float) -> Estimate:
                 f"The log tells {' and '.join(wide)}, at 95 %. To know the spring of motor {drive.name} better, move "
                 f"faster than the {highest:.3g} Hz of this motion, or longer, or measure with finer encoders."
             )
+    if notes and (bound := bound_of(found, highest, remedies=False)):
+        notes.append(bound.sentence)
     return replace(found, notes=(*found.notes, *notes)) if notes else found
 
 
@@ -251,10 +282,3 @@ def _squares(rows: Observation, weights: Array) -> Array:
         R = weight * motor.whole[:, :-1]
         made[np.ix_(motor.columns, motor.columns)] += R.T @ R
     return made
-
-
-def parameters_of(model: DynamicModel, drive: Motor, nature: str) -> Iterator[str]:
-    """Names of the base parameters of one nature of an elastic motor: spring, viscous (its damper) or rotor."""
-    names = {name.removesuffix("R"): name for name in model.base.names}
-    on = f"motor {drive.name}" if nature == "rotor" else f"elastic {drive.name}"
-    return (names[t.name] for t in model.terms if t.on == on and t.nature == nature and t.name in names)

@@ -32,10 +32,16 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.treatment_choice.delay_estimate import usual_delay
-from haptid.treatment_choice.elasticity import expect_stiffness_of_motors, hidden_stiffness, noise_of_stiffness
+from haptid.treatment_choice.elasticity import (
+    expect_stiffness_of_motors,
+    hidden_stiffness,
+    noise_of_stiffness,
+    with_bound,
+)
 from haptid.treatment_choice.motion_filters import MotionFilters
 from haptid.treatment_choice.motor_delays import motor_delays
 from haptid.treatment_choice.propose import TRIED, Proposal, propose
+from haptid.treatment_choice.spring_bound import spring_bound
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
 # Least damping ratio of initial values.
@@ -105,7 +111,8 @@ def complete_logs(
         # acceleration. Whether joints stick was judged by rigid ones, behind another filter.
         motions = MotionFilters.of(rigid, tuple(chosen), given)
         filters = [motions.clear(own) for own in filters]
-    frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
+    frequencies, start = np.full(len(model.device.elastic), proposal.bandwidth_hz), None
+    delays = "torque_delay_s" not in given
     try:
         # A fit that goes astray is known by its simulation, which diverges, or by its passes, which do not settle.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -115,11 +122,19 @@ def complete_logs(
             frequencies = start.frequencies
             _expect_springs(start, rigid_fit, most_left)
             _expect_between_samples(part, frequencies)
-            found = _with_little_noise(model, followed, filters, start, "torque_delay_s" not in given)
-    except IdentifiabilityError as error:
-        raise hidden_stiffness(model, error, proposal.bandwidth_hz) from error
-    except (ConvergenceError, SimulationError) as error:
-        raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
+            found = _with_little_noise(model, followed, filters, start, delays)
+    except (ConvergenceError, IdentifiabilityError, SimulationError) as error:
+        if isinstance(error, IdentifiabilityError):
+            made = hidden_stiffness(model, error, proposal.bandwidth_hz)
+        else:
+            made = _without_solution(chosen, frequencies, proposal.bandwidth_hz, error)
+        if start is None or made is error or np.isfinite(most_left):  # a trial of springs needs no bound
+            raise made from error
+        # No estimate is at hand: the bound is that at the initial values.
+        rows = _rows(model, followed, filters[-1])
+        initial = np.array(list(_stable(rows, start).values()))
+        bound = spring_bound(rows, initial, proposal.bandwidth_hz, delays=delays)
+        raise with_bound(made, replace(bound, at=" at initial values") if bound else None) from error
     expect_stiffness_of_motors(found, proposal.bandwidth_hz)
     return [_simulated(found, _followed(model, log), treatment) for log in logs], found
 

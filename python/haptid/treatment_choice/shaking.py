@@ -23,8 +23,8 @@ from haptid.motion.channels import motor_torque
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
-from haptid.treatment_choice.elasticity import parameters_of
 from haptid.treatment_choice.first_fit import least_squares
+from haptid.treatment_choice.spring_bound import parameters_of
 
 # Lowest frequency that is looked at, in bandwidths of the motion, and the highest, as a share of the Nyquist frequency.
 _ABOVE, _UP_TO = 4.0, 0.9
