@@ -359,16 +359,8 @@ def test_rows_are_those_of_the_inverse_dynamics_of_all_joints(tmp_path: Path, se
         (('torque = "zero"', 'torque = "zero"\n[[motors]]\nname = "pole"'), '"pole" has torque = "zero", and a motor'),
         (('name = "cart"\ntype', 'name = "cart"\ntorque = "zero"\ntype'), "only up to a common factor"),
         (('torque = "zero"', 'torque = "zero"\n[[loops]]\nrelations = ["qpole = 2*qcart"]'), "a loop moves it"),
-        (
-            (
-                "[[symmetry]]",
-                '[[terms]]\nkind = "elastic"\nmotors = ["cart"]\n[[terms]]\nkind = "rotor-inertia"\nmotors = "all"\n'
-                "[[symmetry]]",
-            ),
-            "has elastic motors",
-        ),
     ],
-    ids=["a motor drives it", "no motor at all", "a loop moves it", "elastic motors"],
+    ids=["a motor drives it", "no motor at all", "a loop moves it"],
 )
 def test_a_word_that_cannot_be_is_one_error(tmp_path: Path, change: tuple[str, str], words: str) -> None:
     (tmp_path / "device.toml").write_text(CART.replace(*change, 1))

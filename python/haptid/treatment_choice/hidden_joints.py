@@ -86,12 +86,14 @@ def complete_logs(
 
     Raises:
         IdentifiabilityError: the logs do not show the stiffness of a motor.
-        LogMismatchError: the device has torque sensors.
+        LogMismatchError: the device has torque sensors, or a joint with a row of zero torque.
         HaptidError: as `propose` and `estimate`.
     """
     chosen = [log for log, own in zip(logs, fitting, strict=True) if own]
     if model.device.sensors:
         raise _without_links(model, logs[0])
+    if any(drive.free for drive in model.device.drives):
+        raise _beside_free_joints(model, logs[0])
     rigid = _without(model, "elastic")
     proposal = _proposed(rigid, chosen, given)
     treatment = _shared(proposal.treatment)
@@ -269,11 +271,17 @@ def _followed(model: DynamicModel, log: Log) -> Log:
 
 def _known(model: DynamicModel, log: Log) -> list[str]:
     """Names of the position channels that the log has, in its order."""
-    device, side = model.device, log.channels.position.side
-    idle = {
-        drive.name if side == "motor" else device.joints[drive.first].name for drive in device.drives if drive.unloaded
-    }
-    return [name for name in position_channels(device, side) if name not in idle]
+    side = log.channels.position.side
+    idle = _idle(model, side)
+    return [name for name in position_channels(model.device, side) if name not in idle]
+
+
+def _idle(model: DynamicModel, side: str) -> dict[str, str]:
+    """Names of the position channels of joints that springs alone move, with their units."""
+    drives = [drive for drive in model.device.drives if drive.unloaded]
+    joints = [model.device.joints[drive.first] for drive in drives]
+    names = [drive.name if side == "motor" else joint.name for drive, joint in zip(drives, joints, strict=True)]
+    return {name: "m" if joint.prismatic else "rad" for name, joint in zip(names, joints, strict=True)}
 
 
 def _with_channels(model: DynamicModel, log: Log, links: Array) -> Log:
@@ -287,7 +295,9 @@ def _with_channels(model: DynamicModel, log: Log, links: Array) -> Log:
         hidden = name in idle
         made[:, k] = links[idle.index(name)] if hidden else log.position[:, known.index(name)]
         channels.append(f"{name}{_SIMULATED}" if hidden else position.channels[known.index(name)])
-    signal_ = replace(position, channels=tuple(channels), gain=(), offset=())
+    units = dict(zip(known, position.each_unit, strict=True)) | _idle(model, position.side)
+    each = tuple(units[name] for name in names) if position.units else ()
+    signal_ = replace(position, channels=tuple(channels), units=each, gain=(), offset=())
     return replace(log, position=made, channels=replace(log.channels, position=signal_))
 
 
@@ -343,6 +353,21 @@ def _without_links(model: DynamicModel, log: Log) -> LogMismatchError:
         limit=len(every),
         advice="Record the joints' positions too; or write sensor = false and leave the sensors' channels out, and "
         "stiffness is found from the motors alone.",
+    )
+
+
+def _beside_free_joints(model: DynamicModel, log: Log) -> LogMismatchError:
+    """The error of a log without positions of the links, of a device with rows of zero torque."""
+    every, device = position_channels(model.device, log.channels.position.side), model.device
+    free = ", ".join(f"joint {drive.name}" for drive in device.drives if drive.free)
+    return LogMismatchError(
+        f"{log.path.name} has {log.position.shape[1]} position channels, and no positions behind the springs. Links "
+        f"are simulated there, and the row of {free} has zero torque at any scale of what is simulated.",
+        where="position",
+        found=log.position.shape[1],
+        limit=len(every),
+        advice=f'Record positions of both sides: {", ".join(every)}; or leave torque = "zero" out, and what the motors '
+        "alone tell of that joint is found.",
     )
 
 

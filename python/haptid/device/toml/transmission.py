@@ -14,7 +14,6 @@ from haptid.device.loops.formula import AnyClosure
 from haptid.device.parts import DistributionLaw, Joint, Motor
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import AnyDevice, MotorTable, TransmissionTable
-from haptid.device.toml.terms import ElasticTerm
 from haptid.errors import DeviceFileError
 
 # Ratio of singular values below which a transmission matrix counts as singular.
@@ -27,7 +26,7 @@ def free_joints(tables: AnyDevice, active: Sequence[int], place: Place) -> froze
     """Indices of the joints whose torque the file states to be zero.
 
     Raises:
-        DeviceFileError: a loop moves one of them, all joints are such, or the file has elastic motors.
+        DeviceFileError: a loop moves one of them, or all joints are such.
     """
     free = frozenset(k for k, table in enumerate(tables.joints) if table.torque == "zero")
     for k in sorted(free - set(active)):
@@ -38,10 +37,6 @@ def free_joints(tables: AnyDevice, active: Sequence[int], place: Place) -> froze
             "no motor drives any joint: where all torques are zero, the motion shows parameters only up to a common "
             "factor, such as friction over inertia",
             "Leave out one key, map the torque of that joint, and record motion that it drives.",
-        )
-    if free and any(isinstance(term, ElasticTerm) for term in tables.terms):
-        raise place.at(min(free), "torque").error(
-            "the file has elastic motors, with which rows of zero torque are not available", "Leave the key out."
         )
     return free
 
