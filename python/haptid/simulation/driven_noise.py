@@ -86,7 +86,13 @@ class NoiseMoments:
 
 
 def noise_moments(
-    model: DynamicModel, base: Array, beta: Array, motion: Motion, noise: MotionNoise, squares: Array
+    model: DynamicModel,
+    base: Array,
+    beta: Array,
+    motion: Motion,
+    noise: MotionNoise,
+    squares: Array,
+    whitening: Array | None = None,
 ) -> NoiseMoments:
     """What noise of the encoders and of the torque adds to moments of rows.
 
@@ -100,6 +106,7 @@ def noise_moments(
         noise: of the motion.
         squares: mean square of each motor's error in rows, (motors,), SI; what the encoders do not explain of it is
             noise of the torque, and where the feedback is known, its part that was not read with the torque moves.
+        whitening: taps of the filter that each motor's rows have passed besides, (motors, taps); None without.
     """
     device, dt = model.device, motion.dt
     taps = motion.treatment.taps(dt)
@@ -107,8 +114,9 @@ def noise_moments(
     f = (np.arange(_FREQUENCIES) + 0.5) * highest / _FREQUENCIES
     passed = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(len(taps))) * dt) @ taps) ** 2
     power = highest / _FREQUENCIES * passed
-    density = np.array([np.interp(f, noise.f, own) for own in noise.density])
     rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
+    gain = np.ones((len(f), len(rows))) if whitening is None else np.abs(gains(whitening, f, dt)).T
+    density = np.array([np.interp(f, noise.f, own) for own in noise.density])
     linear, p = SmallMotion.along(model, base, beta, motion, unloaded_joints(model), rows), len(beta)
     noisy = linear.moved.any(axis=0) & density.any(axis=1)
     moved, density = linear.moved[:, noisy], np.sqrt(density[noisy])
@@ -124,7 +132,8 @@ def noise_moments(
         G = np.linalg.inv(Z + loop.at(s.ravel())[:, None]) if loop else np.zeros((*Z.shape[:2], Z.shape[-1], 0))
         spread = np.concatenate([G @ (Z @ read) if loop else read, G], axis=-1)
         dH = at.by_parameters(spread)
-        weight, channels = np.sqrt(power[part] / poses)[:, None, None, None], read.shape[-1]
+        weight, channels = np.sqrt(power[part] / poses)[:, None] * gain[part], read.shape[-1]
+        weight = weight[:, None, :, None]
         seen = _real((weight[..., None] * dH[..., :channels]).transpose(2, 3, 0, 1, 4).reshape(len(rows), p, -1))
         missed, rate = (weight * x for x in (Z @ read, s * (Z @ spread[..., :channels])))
         N += seen @ seen.transpose(0, 2, 1)
@@ -133,12 +142,18 @@ def noise_moments(
         error += np.sum(np.abs(missed) ** 2, axis=(0, 1, 3))
         if loop:
             moving, rate = dH[:, :, motors, :, channels + motors].real, np.diagonal(s * (Z @ G), axis1=2, axis2=3).real
-            by_torque += np.einsum("f,rfap->rp", power[part] / poses, moving)
-            late_by_torque += np.einsum("f,far->r", power[part] / poses, rate)
+            by_torque += np.einsum("f,fr,rfap->rp", power[part] / poses, gain[part] ** 2, moving)
+            late_by_torque += np.einsum("f,fr,far->r", power[part] / poses, gain[part] ** 2, rate)
     if loop:
-        torque = np.maximum((squares - error) / np.sum(power) - loop.rest, 0.0)
+        torque = np.maximum((squares - error) / (power @ gain**2) - loop.rest, 0.0)
         b, late = b + torque[:, None] * by_torque, late + torque * late_by_torque
     return NoiseMoments(N, b, late, error)
+
+
+def gains(taps: Array, f: Array, dt: float) -> Array:
+    """Frequency response of filters with symmetric taps, (filters, taps), at frequencies, (k,), Hz: (filters, k)."""
+    side = taps.shape[1] // 2
+    return np.asarray(taps @ np.cos(2 * np.pi * np.outer(np.arange(-side, side + 1) * dt, f)))
 
 
 def _real(x: np.ndarray) -> Array:

@@ -313,6 +313,7 @@ def _completed(
         weighting=study.method,
         initial=dict(zip(stiffness_fit.names, stiffness_fit.beta.tolist(), strict=True)),
         delays="torque_delay_s" not in study.treatment,
+        whitening=stiffness_fit.method.whitening if isinstance(stiffness_fit.method, MotorSide) else None,
     )
     progress("finding stiffness", 1.0)
     return replace(study, method=method, use="free", treatment=treatment), completed, response

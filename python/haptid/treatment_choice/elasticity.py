@@ -42,7 +42,7 @@ _OF_MOTORS = 0.15
 _WANTED = {"spring": 2.0, "viscous": 10.0}
 # Where a method could tell what is wanted, and that of haptid is refused.
 _NOT_REACHED = (
-    "That would do, and haptid does not reach it: it weighs all frequencies alike, and noise grows with frequency."
+    "That would do, and haptid does not reach it: noise is too large a share of its rows, of all frequencies."
 )
 # Length of a log on which its noise is compared with the motion, s.
 _SECONDS = 120.0

@@ -43,6 +43,7 @@ from haptid.treatment_choice.motor_delays import motor_delays
 from haptid.treatment_choice.propose import TRIED, Proposal, propose
 from haptid.treatment_choice.spring_bound import spring_bound
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
+from haptid.treatment_choice.whitening import whitened_fit
 
 # Least damping ratio of initial values.
 _LEAST_DAMPING = 0.02
@@ -120,25 +121,51 @@ def complete_logs(
         with np.errstate(over="ignore", invalid="ignore"):
             motion = treat(_followed(model, part), filters[0])
             known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
-            start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
-            frequencies = start.frequencies
-            _expect_springs(start, rigid_fit, most_left)
+            begun = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
+            frequencies = begun.frequencies
+            _expect_springs(begun, rigid_fit, most_left)
+            start = begun
             _expect_between_samples(part, frequencies)
             found = _with_little_noise(model, followed, filters, start, delays)
+        expect_stiffness_of_motors(found, proposal.bandwidth_hz)
     except (ConvergenceError, IdentifiabilityError, SimulationError) as error:
-        if isinstance(error, IdentifiabilityError):
-            made = hidden_stiffness(model, error, proposal.bandwidth_hz)
-        else:
-            made = _without_solution(chosen, frequencies, proposal.bandwidth_hz, error)
-        if start is None or made is error or np.isfinite(most_left):  # a trial of springs needs no bound
-            raise made from error
-        # No estimate is at hand: the bound is that at the initial values.
-        rows = _rows(model, followed, filters[-1])
-        initial = np.array(list(_stable(rows, start).values()))
-        bound = spring_bound(rows, initial, proposal.bandwidth_hz, delays=delays)
-        raise with_bound(made, replace(bound, at=" at initial values") if bound else None) from error
-    expect_stiffness_of_motors(found, proposal.bandwidth_hz)
+        weighed = None
+        if start and several and "parallel_cutoff_hz" not in given:
+            weighed = _weighed(model, followed, filters[-1], start, delays, proposal.bandwidth_hz)
+        if weighed is None:
+            if isinstance(error, IdentifiabilityError):
+                made = hidden_stiffness(model, error, proposal.bandwidth_hz)
+            else:
+                made = _without_solution(chosen, frequencies, proposal.bandwidth_hz, error)
+            if start is None or made is error or np.isfinite(most_left):  # a trial of springs needs no bound
+                raise made from None
+            # No estimate is at hand: the bound is that at the initial values.
+            rows = _rows(model, followed, filters[-1])
+            bound = spring_bound(rows, _initial(rows, start), proposal.bandwidth_hz, delays=delays)
+            raise with_bound(made, replace(bound, at=" at initial values") if bound else None) from error
+        found = weighed
     return [_simulated(found, _followed(model, log), treatment) for log in logs], found
+
+
+def _weighed(
+    model: DynamicModel,
+    logs: Sequence[Log],
+    treatment: Treatment,
+    start: SpringStart,
+    delays: bool,
+    highest: float,
+) -> Estimate | None:
+    """The estimate from rows that weigh each frequency by its noise; None where that does not show springs either."""
+
+    def observed(treatment: Treatment) -> Observation:
+        return _rows(model, logs, treatment)
+
+    try:
+        found = whitened_fit(observed, treatment, _initial(observed(treatment), start), delays)
+        expect_stiffness_of_motors(found, highest)
+    except (ConvergenceError, IdentifiabilityError, SimulationError):
+        return None
+    return found
 
 
 def _with_little_noise(
@@ -207,6 +234,11 @@ def _proposed(rigid: DynamicModel, logs: Sequence[Log], given: Mapping[str, Any]
     if proposal.treatment.parallel_cutoff_hz in (None, narrow):
         return proposal
     return propose(rigid, *logs, **settings, parallel_cutoff_hz=narrow)
+
+
+def _initial(observation: Observation, start: SpringStart) -> Array:
+    """Base parameters to begin with, (p,)."""
+    return np.array(list(_stable(observation, start).values()))
 
 
 def _stable(observation: Observation, start: SpringStart) -> dict[str, float]:

@@ -141,6 +141,21 @@ def spring_bound(
         return None
 
 
+def residual_density(model: DynamicModel, beta: Array, motion: Motion, delays: bool, f: Array) -> Array:
+    """Density of each motor's residual over that of its torque's noise, whose links are simulated, (motors, k).
+
+    Args:
+        beta: base parameters, (p,), SI.
+        motion: of a log.
+        delays: whether the torque's delay is to be found.
+        f: frequencies, (k,), Hz.
+    """
+    highest = (motion.treatment.parallel(float(motion.dt)) or 0.5 / float(motion.dt)) / _BAND
+    source = _Source.of(model, beta, motion, highest, False, delays)
+    noise = np.diagonal(noise_of_rows(source.rows.linear, f, source.noise), axis1=1, axis2=2).real.T
+    return np.asarray(1.0 + noise / np.diag(source.torque)[:, None])
+
+
 def _springs(model: DynamicModel) -> Iterator[tuple[str, float]]:
     """Names of the springs' and dampers' base parameters, with the standard errors that are wanted, per cent."""
     for drive in model.device.elastic:

@@ -89,7 +89,8 @@ def _by_rounding(fitted: Estimate) -> Array:
         plain = along.met(fitted.beta)
         along.measured = plain.torque
         slopes = np.concatenate([plain.slope, -along.responses(fitted.beta, rounded)], axis=1)
-        parts.append(Linearised(motion, np.zeros((len(slopes), len(motion))), slopes, along.names))
+        part = Linearised(motion, np.zeros((len(slopes), len(motion))), slopes, along.names)
+        parts.append(method.whitened(part))
     columns = parts[0].slope.shape[1]
     changed = linearised_observation(rows, np.zeros(columns), parts, [motor.unit for motor in rows.motors])
     W = stacked(changed.motors, fitted.fit.weights, columns)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 from haptid._internal.arrays import Array
 from haptid._internal.late import dataclass
@@ -73,6 +74,7 @@ class MotorSide(SimulationBased):
         run_in: not used, because segments meet.
         delays: whether the delay of the torque was estimated from the same rows, so that it is uncertain: the fit is a
             `MotorFit`.
+        whitening: symmetric taps of a filter that each motor's errors and columns pass, (motors, taps); None without.
         near: a `MotorFit` of motions nearby, at whose links' motion the simulation begins.
     """
 
@@ -82,6 +84,7 @@ class MotorSide(SimulationBased):
     tolerance: float = 0.3
     segment: float = 0.25
     delays: bool = False
+    whitening: Array | None = field(default=None, repr=False, compare=False)
     near: Fit | None = field(default=None, repr=False, compare=False)
     _joints: dict[int, DrivenJoints] = field(default_factory=dict, init=False, repr=False, compare=False)
     _courses: list[DrivenCourse] = field(default_factory=list, init=False, repr=False, compare=False)
@@ -113,7 +116,7 @@ class MotorSide(SimulationBased):
         sources = [MotionNoise.of(observation.model, motion) if motion.log else None for motion in observation.motions]
         for number in range(self.most):
             weights = self.weights(rows)
-            noise, late = noise_of_rows(rows, beta, weights, sources)
+            noise, late = noise_of_rows(rows, beta, weights, sources, self.whitening)
             found = noise_corrected(rows, weights, noise, _ADVICE)
             moved = np.abs(found.solution.beta - beta) / np.sqrt(np.diag(ClusterRobust().spread(found).covariance))
             if moved.max() <= self.tolerance:
@@ -156,11 +159,20 @@ class MotorSide(SimulationBased):
             joints = self._joints[place]
             measured = behind_position_filter(motion, joints.measured)
             error = (measured - self._courses[place].torque)[joints.motors]
-            parts.append(Linearised(motion, error, slope, joints.names))
+            parts.append(self.whitened(Linearised(motion, error, slope, joints.names)))
         idle = [drive.name for drive in device.drives if drive.unloaded]
         motors = tuple(motor for motor in observation.motors if motor.name not in idle)
         rows = replace(observation, motors=motors)
         return linearised_observation(rows, values, parts, [motor.unit for motor in motors])
+
+    def whitened(self, part: Linearised) -> Linearised:
+        """Errors and columns of one motion behind the whitening filters."""
+        if self.whitening is None:
+            return part
+        every = np.concatenate([part.error[:, None], part.slope], axis=1)
+        filters = zip(every, self.whitening, strict=True)
+        made = np.array([fftconvolve(own, taps[None], "same", axes=1) for own, taps in filters])
+        return replace(part, error=made[:, 0], slope=made[:, 1:])
 
     def _with_delays(self, observation: Observation, found: Fit, beta: Array, late: Array) -> MotorFit:
         """A fit with columns of the delays, from the last simulation, that with parameters `beta`."""
@@ -195,6 +207,7 @@ def noise_of_rows(
     beta: Array,
     weights: Array,
     sources: Sequence[MotionNoise | None],
+    whitening: Array | None = None,
 ) -> tuple[list[Array], Array]:
     """Expected squares of noise in weighted rows, of each motor (blocks, p + 1, p + 1), and in the rate of its torque.
 
@@ -203,6 +216,7 @@ def noise_of_rows(
         beta: base parameters of the simulation, (p,).
         weights: of each motor's rows, (motors,).
         sources: noise of each motion; None without.
+        whitening: as of `MotorSide`.
 
     Returns:
         The squares, and what noise adds to the score of the rate of each row's torque, with opposite sign,
@@ -218,7 +232,7 @@ def noise_of_rows(
     for motion, source in zip(rows.motions, sources, strict=True):
         if source is None:
             continue
-        moments = noise_moments(rows.model, base, beta, motion, source, squares)
+        moments = noise_moments(rows.model, base, beta, motion, source, squares, whitening)
         blocks = [k for k, block in enumerate(rows.blocks) if block.log == motion.name]
         for k, (motor, weight) in enumerate(zip(rows.motors, weights, strict=True)):
             if motor.name not in names:
