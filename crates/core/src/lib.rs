@@ -53,5 +53,5 @@ pub use reduction::fir::decimate;
 pub use reduction::reduce::{RFactors, Reduction, reduce};
 pub use regressor::gradients::{quadratic_form_gradients, torque_gradients};
 pub use regressor::gram::gram_matrix;
-pub use regressor::regressor;
+pub use regressor::{new_regressor, regressor};
 pub use simd::dispatch::Backend;

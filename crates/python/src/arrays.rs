@@ -8,6 +8,7 @@ use numpy::{
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
+use std::mem::MaybeUninit;
 use std::ops::Deref;
 
 /// The numbers of a row-major matrix. `as_slice` alone would accept Fortran order too, and read it transposed.
@@ -72,30 +73,30 @@ fn reserved(numbers: usize) -> PyResult<Vec<f64>> {
 /// Numbers in a cache line.
 const LINE: usize = 8;
 
-/// The caller's output array, if it has the shape and is row-major; a new one if there is none. A new array begins at a
-/// cache line and is not initialised: the caller writes every number.
-pub fn output<'py>(
-    py: Python<'py>,
-    given: Option<Bound<'py, PyArray3<f64>>>,
-    shape: [usize; 3],
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    match given {
-        None => {
-            let numbers: usize = shape.iter().product();
-            let mut room = reserved(numbers + LINE - 1)?;
-            // SAFETY: the capacity has been reserved, and the numbers are read by nobody before they are written: the
-            // callers of `output` pass them to a kernel that writes every number and reads none, and drop the array
-            // where the kernel fails.
-            unsafe { room.set_len(numbers + LINE - 1) };
-            let first = room.as_ptr().align_offset(LINE * size_of::<f64>());
-            let part = PySlice::new(py, first as isize, (first + numbers) as isize, 1);
-            room.into_pyarray(py).as_any().get_item(part)?.cast_into::<PyArray1<f64>>()?.reshape(shape)
-        }
-        Some(out) if out.shape() == shape && out.is_c_contiguous() => Ok(out),
-        Some(out) => {
-            Err(PyValueError::new_err(format!("out has shape {:?}; it must be row-major, {shape:?}", out.shape())))
-        }
+/// The caller's output array, if it has the shape and is row-major.
+pub fn fitting<'py>(out: Bound<'py, PyArray3<f64>>, shape: [usize; 3]) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    if out.shape() == shape && out.is_c_contiguous() {
+        return Ok(out);
     }
+    Err(PyValueError::new_err(format!("out has shape {:?}; it must be row-major, {shape:?}", out.shape())))
+}
+
+/// A new array that begins at a cache line, with what `write` writes: every number, where it succeeds.
+pub fn written<'py>(
+    py: Python<'py>,
+    shape: [usize; 3],
+    write: impl FnOnce(&mut [MaybeUninit<f64>]) -> PyResult<()>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let numbers: usize = shape.iter().product();
+    let mut room = reserved(numbers + LINE - 1)?;
+    let first = room.as_ptr().align_offset(LINE * size_of::<f64>());
+    room.spare_capacity_mut()[..first].fill(MaybeUninit::new(0.0));
+    write(&mut room.spare_capacity_mut()[first..first + numbers])?;
+    // SAFETY: the capacity has been reserved; the numbers before the first have been written, and then `write` has
+    // written all of its own.
+    unsafe { room.set_len(first + numbers) };
+    let part = PySlice::new(py, first as isize, (first + numbers) as isize, 1);
+    room.into_pyarray(py).as_any().get_item(part)?.cast_into::<PyArray1<f64>>()?.reshape(shape)
 }
 
 /// Indices of columns: an array of 64-bit integers is read directly, any other sequence item by item.

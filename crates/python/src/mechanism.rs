@@ -1,7 +1,7 @@
 //! The class `Mechanism`: see `_core.pyi`.
 
 use crate::arguments::{Matrix, MotionArguments, Sets, Stack, Vector};
-use crate::arrays::{Columns, of_samples, output, room, row_major, sets, square_stack};
+use crate::arrays::{Columns, fitting, of_samples, room, row_major, sets, square_stack, written};
 use crate::loops::joints;
 use crate::threads::detached;
 use crate::to_python;
@@ -102,7 +102,13 @@ impl PyMechanism {
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let arguments = MotionArguments { position, velocity, acceleration: Some(acceleration), external, loops };
         let motion = arguments.motion()?;
-        let out = output(py, out, [self.0.coordinates(), columns.len(), motion.samples])?;
+        let shape = [self.0.coordinates(), columns.len(), motion.samples];
+        let Some(out) = out else {
+            return written(py, shape, |numbers| {
+                detached(py, || haptid_core::new_regressor(&self.0, &motion, &columns, numbers)).map_err(to_python)
+            });
+        };
+        let out = fitting(out, shape)?;
         let mut borrowed = out.try_readwrite()?;
         let numbers = borrowed.as_slice_mut()?;
         detached(py, || haptid_core::regressor(&self.0, &motion, &columns, numbers)).map_err(to_python)?;

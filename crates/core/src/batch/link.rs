@@ -10,6 +10,7 @@ use crate::linalg::vector::{Vector, cycle, dot, zero};
 use crate::mechanism::closure::Rate;
 use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -70,7 +71,7 @@ impl LinkMotions {
         (v, acceleration): (T, T),
         k: usize,
     ) {
-        let a = joint.rotate(gravity.map(|g| simd.splat(-g)));
+        let a = joint.rotate(inlined::map(gravity, |g| simd.splat(-g)));
         // SAFETY: the caller's promise.
         unsafe { self.set(joint, (zero(simd), zero(simd), a), (v, acceleration), k) }
     }
@@ -91,7 +92,7 @@ impl LinkMotions {
             wd = [w[1].fma(v, wd[0]), w[0].fnma(v, wd[1]), wd[2].add(acceleration)];
             w[2] = w[2].add(v);
         }
-        let s = w.map(|w| w.mul(w));
+        let s = inlined::map(w, |w| w.mul(w));
         let p = [w[1].mul(w[2]), w[2].mul(w[0]), w[0].mul(w[1])];
         let b = [
             s[1].add(s[2]).neg(),

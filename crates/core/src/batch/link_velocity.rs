@@ -13,6 +13,7 @@ use crate::linalg::vector::{Vector, cross, cross_add, cycle, dot};
 use crate::mechanism::LINK_PARAMETERS;
 use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -86,7 +87,7 @@ impl LinkVelocities {
     ) {
         let (w, v) = joint.joint_axis(rate);
         // SAFETY: the caller's promise.
-        unsafe { self.set((w, v, joint.rotate(gravity.map(|g| simd.splat(-g)))), k) }
+        unsafe { self.set((w, v, joint.rotate(inlined::map(gravity, |g| simd.splat(-g)))), k) }
     }
 
     /// Rate of change of an axis due to the link's velocity, where the joint moves with the coordinate at `rate`; for a

@@ -24,6 +24,7 @@ use crate::mechanism::Mechanism;
 use crate::mechanism::closure::{JointMap, Rate};
 use crate::mechanism::motion::Motion;
 use crate::memory::slot::{BATCH, Slot, grow, store};
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -101,7 +102,7 @@ impl JointChannels {
     #[inline(always)]
     pub(crate) unsafe fn at<T: Lane>(&self, simd: Simd<T>, k: usize) -> [T; 3] {
         // SAFETY: the channels are readable at every lane of the batch.
-        self.0.map(|first| unsafe { simd.load(first.add(k)) })
+        inlined::map(self.0, |first| unsafe { simd.load(first.add(k)) })
     }
 }
 
@@ -187,6 +188,6 @@ impl Batch<'_> {
             // SAFETY: `slots` are three, and `lanes` leaves room for a lane.
             unsafe { store(slots.as_mut_ptr(), k, x) };
         }
-        JointChannels(core::array::from_fn(|order| slots[order].0.as_ptr()))
+        JointChannels(inlined::from_fn(|order| slots[order].0.as_ptr()))
     }
 }

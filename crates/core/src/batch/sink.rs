@@ -2,6 +2,7 @@
 
 use crate::mechanism::LINK_PARAMETERS;
 use crate::mechanism::layout::{EntryMap, LinkEntries};
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 
 /// Output runs at a constant distance, one for each entry.
@@ -38,7 +39,7 @@ impl EntrySink<'_> {
     /// The same sink with the set of requested entries as a compile-time constant: its own set, or [`ANY`].
     #[inline(always)]
     pub(crate) fn of<const SET: u32>(&self) -> ConstSink<SET> {
-        ConstSink { places: self.places.map(|place| self.out.at(place)), requested: self.requested }
+        ConstSink { places: inlined::map(*self.places, |place| self.out.at(place)), requested: self.requested }
     }
 }
 

@@ -18,6 +18,7 @@ use crate::mechanism::transform::{JointTransform, TransformSlots};
 use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -182,7 +183,7 @@ unsafe fn add_inertia_to_parent<T: Lane>(
         unsafe {
             let carried = at_zero.load(joint.as_ptr(), k).inertia_to_parent(load(simd, from, k));
             let sum: [T; LINK_PARAMETERS] = load(simd, to, k);
-            store(to, k, core::array::from_fn::<T, LINK_PARAMETERS, _>(|p| sum[p].add(carried[p])));
+            store(to, k, inlined::from_fn::<T, LINK_PARAMETERS>(|p| sum[p].add(carried[p])));
         }
     }
 }

@@ -19,6 +19,7 @@ use crate::mechanism::transform::JointTransform;
 use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{load, store};
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -97,8 +98,8 @@ unsafe fn propagate_motion<T: Lane>(
 #[inline(always)]
 fn carried<T: Lane>([w, v, a]: [Vector<T>; 3], c: [T; LINK_PARAMETERS]) -> (Wrench<T>, Wrench<T>) {
     let first = [c[6], c[7], c[8]];
-    let momentum = (cross_add(first, v, tensor_times(&c, w)), cross_add(w, first, v.map(|v| v.mul(c[9]))));
-    (momentum, (cross(first, a), a.map(|a| a.mul(c[9]))))
+    let momentum = (cross_add(first, v, tensor_times(&c, w)), cross_add(w, first, inlined::map(v, |v| v.mul(c[9]))));
+    (momentum, (cross(first, a), inlined::map(a, |a| a.mul(c[9]))))
 }
 
 /// Add a joint's momentum, and the remainder of its torque, to the coordinates that move it.

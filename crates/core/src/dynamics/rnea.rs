@@ -22,6 +22,7 @@ use crate::mechanism::{LINK_PARAMETERS, Link, Mechanism};
 use crate::memory::shared::SharedOutput;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -84,7 +85,9 @@ unsafe fn propagate_motion<T: Lane>(
             let [_, v, acceleration] = followed.at(simd, k);
             let carried = match link.parent {
                 Some(parent) => joint.transform_motion(load_motion(simd, state.motions[parent].as_ptr(), k)),
-                None => [zero(simd), zero(simd), joint.rotate(batch.mechanism.gravity.map(|g| simd.splat(-g)))],
+                None => {
+                    [zero(simd), zero(simd), joint.rotate(inlined::map(batch.mechanism.gravity, |g| simd.splat(-g)))]
+                }
             };
             let motion = add_joint_rate(&joint, carried, (v, acceleration));
             store_motion(state.motions[i].as_mut_ptr(), k, motion);
@@ -140,7 +143,7 @@ pub(crate) fn tensor_times<T: Lane>(c: &[T; LINK_PARAMETERS], x: Vector<T>) -> V
 fn wrench<T: Lane>([w, wd, a]: SpatialMotion<T>, c: [T; LINK_PARAMETERS]) -> (Vector<T>, Vector<T>) {
     let first = [c[6], c[7], c[8]];
     let n = cross_add(w, tensor_times(&c, w), cross_add(first, a, tensor_times(&c, wd)));
-    let f = cross_add(wd, first, cross_add(w, cross(w, first), a.map(|a| a.mul(c[9]))));
+    let f = cross_add(wd, first, cross_add(w, cross(w, first), inlined::map(a, |a| a.mul(c[9]))));
     (n, f)
 }
 
@@ -175,7 +178,7 @@ pub(crate) unsafe fn add_wrench_to_parent<T: Lane>(
         unsafe {
             let (n, f) = at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(simd, from, k));
             let (sum_n, sum_f): (Vector<T>, Vector<T>) = load_axis(simd, to, k);
-            let sum = |x: Vector<T>, y: Vector<T>| core::array::from_fn(|e| x[e].add(y[e]));
+            let sum = |x: Vector<T>, y: Vector<T>| inlined::from_fn(|e| x[e].add(y[e]));
             store_axis(to, k, (sum(n, sum_n), sum(f, sum_f)));
         }
     }

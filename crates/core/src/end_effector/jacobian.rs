@@ -21,6 +21,7 @@ use crate::mechanism::{Link, Mechanism};
 use crate::memory::shared::SharedOutput;
 use crate::memory::slot::Slot;
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -88,7 +89,7 @@ impl<'a> Jacobian<'a> {
                 let link = &batch.mechanism.links[i];
                 for_shape!(link.shape, shape => follow_link(simd, batch, (shape, link), &state.joints[i], (&mut self.frame, own)));
             }
-            let point = self.end_effector.point.map(|x| simd.splat(x));
+            let point = inlined::map(self.end_effector.point, |x| simd.splat(x));
             for k in batch.lanes(simd) {
                 move_origin(simd, &mut self.frame, point, k);
             }
@@ -108,8 +109,8 @@ impl<'a> Jacobian<'a> {
             for (&i, own) in self.path.iter().zip(&self.joints) {
                 let link = &batch.mechanism.links[i];
                 for k in batch.lanes(simd) {
-                    let axis: Vector<T> = core::array::from_fn(|e| own[e].load(simd, k));
-                    let arm = core::array::from_fn(|e| self.frame[9 + e].load(simd, k).sub(own[3 + e].load(simd, k)));
+                    let axis: Vector<T> = inlined::from_fn(|e| own[e].load(simd, k));
+                    let arm = inlined::from_fn(|e| self.frame[9 + e].load(simd, k).sub(own[3 + e].load(simd, k)));
                     let (linear, angular) = match link.is_prismatic() {
                         true => (axis, [simd.splat(0.0); 3]),
                         false => (cross(axis, arm), axis),
@@ -147,7 +148,7 @@ unsafe fn follow_link<T: Lane>(
             }
             for row in 0..3 {
                 let axes = &mut frame[3 * row..][..3];
-                let turned = joint.rotate(core::array::from_fn(|e| axes[e].load(simd, k)));
+                let turned = joint.rotate(inlined::from_fn(|e| axes[e].load(simd, k)));
                 for (slot, x) in axes.iter_mut().zip(turned) {
                     slot.store(k, x);
                 }
@@ -164,7 +165,7 @@ unsafe fn move_origin<T: Lane>(simd: Simd<T>, frame: &mut [Slot; 12], by: Vector
     for row in 0..3 {
         // SAFETY: the caller promises room for a lane from k on.
         unsafe {
-            let axes: Vector<T> = core::array::from_fn(|e| frame[3 * row + e].load(simd, k));
+            let axes: Vector<T> = inlined::from_fn(|e| frame[3 * row + e].load(simd, k));
             let moved = frame[9 + row].load(simd, k).add(dot(axes, by));
             frame[9 + row].store(k, moved);
         }

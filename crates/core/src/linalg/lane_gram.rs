@@ -2,6 +2,7 @@
 
 use crate::memory::aligned::Aligned;
 use crate::simd::dispatch::{Backend, dispatched};
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -103,9 +104,9 @@ unsafe fn add_column_of_tiles<T: Lane, const P: usize, const N: usize>(
 ) -> *mut f64 {
     // SAFETY: `first` is a multiple of P, so that P columns exist from each earlier multiple on.
     unsafe {
-        let right: [*const f64; N] = core::array::from_fn(|k| a.add((first + k) * stride));
+        let right: [*const f64; N] = inlined::from_fn(|k| a.add((first + k) * stride));
         for before in (0..first).step_by(P) {
-            let left: [*const f64; P] = core::array::from_fn(|k| a.add((before + k) * stride));
+            let left: [*const f64; P] = inlined::from_fn(|k| a.add((before + k) * stride));
             add_tile::<T, P, N, false>(simd, lanes, left, right, rows);
             lanes = lanes.add(P * P * MAX_WIDTH);
         }
@@ -126,10 +127,10 @@ unsafe fn add_tile<T: Lane, const M: usize, const N: usize, const SAME: bool>(
     // SAFETY: the tile has M x N lanes of `MAX_WIDTH` numbers, and the columns whole lanes up to `rows`.
     unsafe {
         let mut sums: [[T; M]; N] =
-            core::array::from_fn(|j| core::array::from_fn(|i| simd.load(lanes.add((j * M + i) * MAX_WIDTH))));
+            inlined::from_fn(|j| inlined::from_fn(|i| simd.load(lanes.add((j * M + i) * MAX_WIDTH))));
         let mut k = 0;
         while k < rows {
-            let left: [T; M] = core::array::from_fn(|i| simd.load(left[i].add(k)));
+            let left: [T; M] = inlined::from_fn(|i| simd.load(left[i].add(k)));
             for j in 0..N {
                 let right = if SAME { left[j % M] } else { simd.load(right[j].add(k)) };
                 for i in 0..M {

@@ -8,6 +8,7 @@
 //! Orthogonal columns stay as they are, so that few of them cost more than plain normal equations.
 
 use crate::simd::dispatch::{Backend, dispatched};
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -237,10 +238,9 @@ unsafe fn transform_group<T: Lane, const L: usize, const N: usize>(
     // SAFETY: the group's columns are below the preconditioner's, and L lanes of each are inside A.
     unsafe {
         let at = |column: usize, lane: usize| a.add(column * stride + lane * T::WIDTH);
-        let mut sums: [[T; L]; N] =
-            core::array::from_fn(|c| core::array::from_fn(|l| simd.load(at(group.chosen[c], l))));
+        let mut sums: [[T; L]; N] = inlined::from_fn(|c| inlined::from_fn(|l| simd.load(at(group.chosen[c], l))));
         for (&other, shares) in group.others.iter().zip(group.shares.as_chunks::<N>().0) {
-            let lanes: [T; L] = core::array::from_fn(|l| simd.load(at(other, l)));
+            let lanes: [T; L] = inlined::from_fn(|l| simd.load(at(other, l)));
             for (sums, &share) in sums.iter_mut().zip(shares) {
                 subtract(simd, sums, lanes, share);
             }

@@ -5,6 +5,7 @@
 use crate::error::{Error, expect_length};
 use crate::memory::aligned::Aligned;
 use crate::simd::dispatch::{Backend, dispatched};
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -121,8 +122,7 @@ fn one_pass<T: Lane>(simd: Simd<T>, coefficients: &[[f64; MAX_WIDTH]], wide: &mu
     let count = coefficients.len() / SECTION;
     for (s, section) in coefficients.chunks_exact(SECTION).enumerate() {
         // SAFETY: every coefficient has room for the widest lane.
-        let [b0, b1, b2, a0, a1, a2]: [T; SECTION] =
-            core::array::from_fn(|e| unsafe { simd.load(section[e].as_ptr()) });
+        let [b0, b1, b2, a0, a1, a2]: [T; SECTION] = inlined::from_fn(|e| unsafe { simd.load(section[e].as_ptr()) });
         constant = constant.mul(b0.add(b1).add(b2)).div(a0.add(a1).add(a2));
         let after = if s + 1 == count { constant } else { zero };
         let ([mut x1, mut x2], [mut y1, mut y2]) = ([zero; 2], [zero; 2]);

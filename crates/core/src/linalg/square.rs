@@ -5,6 +5,7 @@
 
 use crate::memory::aligned::Aligned;
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -89,7 +90,7 @@ fn multiply_in_lanes<T: Lane>(simd: Simd<T>, left: &Square, right: &Square, out:
                 // SAFETY: columns come in multiples of ACROSS, and each has multiples of LANES lanes; all are of one
                 // size. Here and below.
                 unsafe {
-                    let left: [T; LANES] = core::array::from_fn(|e| simd.load(x.add(k * stride + l + e * T::WIDTH)));
+                    let left: [T; LANES] = inlined::from_fn(|e| simd.load(x.add(k * stride + l + e * T::WIDTH)));
                     for (c, sums) in sums.iter_mut().enumerate() {
                         let right = simd.splat(*y.add((j + c) * stride + k));
                         for (sum, left) in sums.iter_mut().zip(left) {

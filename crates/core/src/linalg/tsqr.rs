@@ -13,6 +13,7 @@
 //! width below `rows`, hence inside a column's `stride` numbers.
 
 use crate::simd::dispatch::{Backend, dispatched};
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -76,7 +77,7 @@ impl Block<'_> {
     #[inline(always)]
     unsafe fn some<const N: usize>(&self, first: usize) -> [*mut f64; N] {
         // SAFETY: as for `column`, for columns `first..first + N`.
-        core::array::from_fn(|k| unsafe { self.column(first + k) })
+        inlined::from_fn(|k| unsafe { self.column(first + k) })
     }
 }
 
@@ -155,7 +156,7 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
     // `exchange` stays inside `rows`.
     unsafe {
         let none = [[simd.splat(0.0); N]; P];
-        let x: [[*mut f64; N]; G] = core::array::from_fn(|g| block.some(c + g * N));
+        let x: [[*mut f64; N]; G] = inlined::from_fn(|g| block.some(c + g * N));
         let mut v = block.some::<P>(begin * P);
         let mut weights = [none; G];
         for g in 0..G {
@@ -189,7 +190,7 @@ fn reflection_weights<T: Lane, const P: usize, const N: usize>(
     let mut weights = [[simd.splat(0.0); N]; P];
     for j in 0..N {
         let head = &mut block.r[(c + j) * block.columns + first..][..P];
-        let s: [f64; P] = core::array::from_fn(|k| sums[k][j].sum() + head[k]);
+        let s: [f64; P] = inlined::from_fn(|k| sums[k][j].sum() + head[k]);
         for k in 0..P {
             let weight: f64 = (0..=k).map(|l| panel[l][k] * s[l]).sum();
             weights[k][j] = simd.splat(weight);
@@ -215,7 +216,7 @@ unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAK
     while i < rows {
         // SAFETY: i < rows, a multiple of the lane width: the lane is inside the column, as for all accesses of the
         // loop.
-        let mut lanes: [T; N] = core::array::from_fn(|j| unsafe { simd.load(x[j].add(i)) });
+        let mut lanes: [T; N] = inlined::from_fn(|j| unsafe { simd.load(x[j].add(i)) });
         if TAKE {
             for (v, weights) in v.iter().zip(weights) {
                 // SAFETY: as above.
@@ -293,11 +294,11 @@ unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
     (scale, taken): (f64, [f64; W]),
     rows: usize,
 ) -> [f64; W] {
-    let (scale, taken, mut sums) = (simd.splat(scale), taken.map(|x| simd.splat(x)), [simd.splat(0.0); W]);
+    let (scale, taken, mut sums) = (simd.splat(scale), inlined::map(taken, |x| simd.splat(x)), [simd.splat(0.0); W]);
     let mut i = 0;
     while i < rows {
         // SAFETY: i < rows, a multiple of the lane width: the lane is inside the column, as below.
-        let mut lanes: [T; W] = core::array::from_fn(|c| unsafe { simd.load(x[c].add(i)) });
+        let mut lanes: [T; W] = inlined::from_fn(|c| unsafe { simd.load(x[c].add(i)) });
         lanes[0] = lanes[0].mul(scale);
         for c in 1..W {
             lanes[c] = lanes[0].fnma(taken[c], lanes[c]);

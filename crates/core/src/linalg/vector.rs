@@ -1,5 +1,6 @@
 //! Three-vectors of lanes.
 
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -33,13 +34,13 @@ pub(crate) fn cross<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
 /// `a + b`
 #[inline(always)]
 pub(crate) fn add<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
-    core::array::from_fn(|e| a[e].add(b[e]))
+    inlined::from_fn(|e| a[e].add(b[e]))
 }
 
 /// `s a + c`
 #[inline(always)]
 pub(crate) fn scale_add<T: Lane>(a: Vector<T>, s: T, c: Vector<T>) -> Vector<T> {
-    core::array::from_fn(|e| a[e].fma(s, c[e]))
+    inlined::from_fn(|e| a[e].fma(s, c[e]))
 }
 
 /// `c + a x b`

@@ -48,6 +48,9 @@ pub(crate) struct Link {
     pub axes: Vec<Axis>,
     /// Index of this link's first axis in the workspace.
     pub first: usize,
+    /// Place of the link among those that a forward recursion needs at a time: it is that of a link whose children are
+    /// done, where there is one.
+    pub place: usize,
 }
 
 /// The axis (motion vector) of one coordinate on one link.
@@ -66,6 +69,8 @@ pub struct Mechanism {
     pub(crate) links: Vec<Link>,
     pub(crate) coordinates: usize,
     pub(crate) axes: usize,
+    /// Places of links.
+    pub(crate) places: usize,
     pub(crate) gravity: [f64; 3],
     pub(crate) terms: Vec<Column>,
     pub(crate) externals: usize,
@@ -114,6 +119,7 @@ impl Mechanism {
             links: Vec::new(),
             coordinates,
             axes: 0,
+            places: 0,
             gravity,
             terms: Vec::new(),
             externals,
@@ -125,6 +131,7 @@ impl Mechanism {
             let joint_map = mechanism.joint_map(closure, i);
             mechanism.append(joint, joint_map)?;
         }
+        mechanism.place_links();
         mechanism.terms = terms.iter().map(|term| mechanism.column(term)).collect::<Result<_, _>>()?;
         Ok(mechanism)
     }
@@ -179,8 +186,21 @@ impl Mechanism {
             joint_map,
             axes,
             first,
+            place: 0,
         });
         Ok(())
+    }
+
+    fn place_links(&mut self) {
+        // The last link that reads each: the last child, or the link itself.
+        let mut last: Vec<usize> = (0..self.links.len()).collect();
+        self.links.iter().enumerate().for_each(|(i, link)| link.parent.into_iter().for_each(|p| last[p] = i));
+        let mut free = Vec::new();
+        for i in 0..self.links.len() {
+            self.links[i].place = free.pop().unwrap_or(self.places);
+            self.places = self.places.max(self.links[i].place + 1);
+            free.extend((0..=i).filter(|&k| last[k] == i).map(|k| self.links[k].place));
+        }
     }
 
     /// Number of independent coordinates, which is also the number of torque rows.

@@ -6,6 +6,7 @@ use crate::mechanism::shape::{JointShape, JointType, Rotation};
 use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::elementary::sin_cos;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -31,7 +32,13 @@ impl<T: Lane> JointTransform<T> {
     #[inline(always)]
     pub(crate) fn at_zero(simd: Simd<T>, shape: JointShape, link: &Link) -> Self {
         let (cosine, sine) = (simd.splat(1.0), simd.splat(0.0));
-        JointTransform { shape, inverse: link.inverse, cosine, sine, origin: link.translation.map(|x| simd.splat(x)) }
+        JointTransform {
+            shape,
+            inverse: link.inverse,
+            cosine,
+            sine,
+            origin: inlined::map(link.translation, |x| simd.splat(x)),
+        }
     }
 
     /// The transform at position `q`.
@@ -39,7 +46,7 @@ impl<T: Lane> JointTransform<T> {
     pub(crate) fn at(mut self, q: T) -> Self {
         if self.is_prismatic() {
             // The joint's z in the parent's frame is the last row of the inverse rotation.
-            self.origin = core::array::from_fn(|e| self.simd().splat(self.inverse[6 + e]).fma(q, self.origin[e]));
+            self.origin = inlined::from_fn(|e| self.simd().splat(self.inverse[6 + e]).fma(q, self.origin[e]));
         } else {
             (self.sine, self.cosine) = sin_cos(q);
         }
@@ -129,7 +136,7 @@ impl<T: Lane> JointTransform<T> {
     /// The joint's z axis in the parent's frame.
     #[inline(always)]
     pub(crate) fn axis_in_parent(&self) -> Vector<T> {
-        core::array::from_fn(|e| self.simd().splat(self.inverse[6 + e]))
+        inlined::from_fn(|e| self.simd().splat(self.inverse[6 + e]))
     }
 
     /// Origin of the link in the parent's frame; `None` where it coincides with the parent's.
@@ -265,8 +272,8 @@ impl<T: Lane> JointTransform<T> {
     fn shift_inertia(&self, tensor: Tensor<T>, first: Vector<T>, m: T) -> (Tensor<T>, Vector<T>) {
         let (p, [xx, xy, xz, yy, yz, zz], half) = (self.origin, tensor, m.mul(self.simd().splat(0.5)));
         // The shift adds 2 (g . p) - g p' - p g', with g halfway between the first moments before and after it.
-        let g: Vector<T> = core::array::from_fn(|e| half.fma(p[e], first[e]));
-        let twice = p.map(|p| p.add(p));
+        let g: Vector<T> = inlined::from_fn(|e| half.fma(p[e], first[e]));
+        let twice = inlined::map(p, |p| p.add(p));
         let diagonal = |x: T, i: usize, j: usize| g[i].fma(twice[i], g[j].fma(twice[j], x));
         let mixed = |x: T, i: usize, j: usize| g[i].fnma(p[j], g[j].fnma(p[i], x));
         let tensor = [
@@ -277,6 +284,6 @@ impl<T: Lane> JointTransform<T> {
             mixed(yz, 1, 2),
             diagonal(zz, 0, 1),
         ];
-        (tensor, core::array::from_fn(|e| m.fma(p[e], first[e])))
+        (tensor, inlined::from_fn(|e| m.fma(p[e], first[e])))
     }
 }

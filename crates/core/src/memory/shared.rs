@@ -1,6 +1,7 @@
 //! An output array that several threads fill.
 
 use core::marker::PhantomData;
+use core::mem::MaybeUninit;
 
 /// Pointer to an output array of which each thread writes its own numbers, while the array is borrowed. Only `unsafe`
 /// methods give access to them.
@@ -16,6 +17,11 @@ unsafe impl Sync for SharedOutput<'_> {}
 impl<'a> SharedOutput<'a> {
     pub(crate) fn new(numbers: &'a mut [f64]) -> SharedOutput<'a> {
         SharedOutput(numbers.as_mut_ptr(), PhantomData)
+    }
+
+    /// Of numbers that need not be initialised: they are written only, and none is read before.
+    pub(crate) fn new_uninitialised(numbers: &'a mut [MaybeUninit<f64>]) -> SharedOutput<'a> {
+        SharedOutput(numbers.as_mut_ptr().cast(), PhantomData)
     }
 
     /// # Safety

@@ -1,5 +1,6 @@
 //! Slots: one quantity at every sample of a batch.
 
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 
@@ -85,7 +86,7 @@ impl Default for Slot {
 #[inline(always)]
 pub(crate) unsafe fn load<T: Lane, const N: usize>(simd: Simd<T>, first: *const Slot, k: usize) -> [T; N] {
     // SAFETY: `e < N` and `k + T::WIDTH <= BATCH` keep the lane inside slot e of those promised.
-    core::array::from_fn(|e| unsafe { simd.load(first.add(e).cast::<f64>().add(k)) })
+    inlined::from_fn(|e| unsafe { simd.load(first.add(e).cast::<f64>().add(k)) })
 }
 
 /// Write lanes to `N` successive slots, from sample `k` on.

@@ -5,8 +5,7 @@
 //! accumulation: Griewank and Walther 2008, section 3.2). One sweep gives the gradients for any number of channels, at
 //! about three times the cost of the entries.
 //!
-//! A closure that is passed to an array's `map` would be compiled as a function of its own, without the back end's
-//! instructions: there is none here.
+//! Closures for the items of an array go to [`crate::simd::inlined`] only, here as in all kernels.
 //!
 //! Safety: batches are as in [`crate::batch`]; [`forward_sweep`], or the rows and [`constant_axes`], precede
 //! [`reverse_sweep`] with the same batch and slots, and every run of weights has [`BATCH`] numbers. The slots of the
@@ -26,6 +25,7 @@ use crate::memory::slot::{BATCH, Slot, grow, load, store};
 use crate::regressor::momentum::propagate_axis;
 use crate::regressor::rows::{KinematicSlots, propagate_motion};
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 use std::ops::Range;
@@ -95,7 +95,7 @@ impl Weights {
         for (i, link) in mechanism.links.iter().enumerate() {
             for axis in &link.axes {
                 let runs: [usize; LINK_PARAMETERS] =
-                    core::array::from_fn(|p| run(axis.coordinate, LINK_PARAMETERS * i + p));
+                    inlined::from_fn(|p| run(axis.coordinate, LINK_PARAMETERS * i + p));
                 own.push(runs.iter().any(|&run| run != 0));
                 axes.push((runs, own[own.len() - 1]));
             }
@@ -126,7 +126,11 @@ unsafe fn forward_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, slots: &mut Kin
         unsafe {
             let followed = batch.follow(simd, &link.joint_map, &mut slots.followed);
             store_transform(simd, batch, link, followed, &mut slots.joint);
-            for_shape!(link.shape, shape => propagate_motion(simd, batch, (shape, i), followed, slots));
+            let parent = link.parent.map(|parent| LinkMotions(slots.links[parent].as_mut_ptr()));
+            let motions = (parent, LinkMotions(slots.links[i].as_mut_ptr()));
+            for_shape!(link.shape, shape => {
+                propagate_motion(simd, batch, (shape, link), followed, &slots.joint, motions)
+            });
             for (own, axis) in (link.first..).zip(&link.axes) {
                 propagate_axis(simd, batch, link, axis, own, &mut slots.axes, &slots.joint);
             }
@@ -135,7 +139,7 @@ unsafe fn forward_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, slots: &mut Kin
 }
 
 dispatched! {
-    /// The axes that [`crate::regressor::rows::rows`] leaves out, which are the same at every sample: after it has
+    /// The axes that [`crate::regressor::rows::torques`] leaves out, which are the same at every sample: after it has
     /// computed the torques' rows of a batch, what [`forward_sweep`] would give is there.
     pub(crate) unsafe fn constant_axes = constant_axes_in_lanes(batch: Batch, slots: &mut KinematicSlots)
 }
@@ -194,7 +198,7 @@ unsafe fn reverse_in_lanes<T: Lane>(
             adjoint.joint.fill(Slot::ZERO);
             for (own, axis) in (link.first..).zip(&link.axes) {
                 if weights.own[own] {
-                    let runs = weights.axes[own].0.map(|run| first.add(run * BATCH));
+                    let runs = inlined::map(weights.axes[own].0, |run| first.add(run * BATCH));
                     let motions = LinkMotions(slots.links[i].as_mut_ptr());
                     entry_adjoint(simd, batch, runs, (motions, slots.axes[own].as_ptr()), adjoint, (i, own));
                 }
@@ -216,7 +220,7 @@ unsafe fn accumulate<T: Lane, const N: usize>(simd: Simd<T>, first: *mut Slot, k
     // SAFETY: the caller promises N slots with room for a lane from k on.
     unsafe {
         let present: [T; N] = load(simd, first, k);
-        store(first, k, core::array::from_fn::<T, N, _>(|e| present[e].add(by[e])));
+        store(first, k, inlined::from_fn::<T, N>(|e| present[e].add(by[e])));
     }
 }
 
@@ -249,8 +253,8 @@ unsafe fn entry_adjoint<T: Lane>(
     for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in weights, slots and axes.
         unsafe {
-            let tensor: [T; 6] = core::array::from_fn(|p| simd.load(runs[p].add(k)));
-            let moment: Vector<T> = core::array::from_fn(|p| simd.load(runs[6 + p].add(k)));
+            let tensor: [T; 6] = inlined::from_fn(|p| simd.load(runs[p].add(k)));
+            let moment: Vector<T> = inlined::from_fn(|p| simd.load(runs[6 + p].add(k)));
             let mass = simd.load(runs[9].add(k));
             let (x, u): (Vector<T>, Vector<T>) = load_axis(simd, axis, k);
             let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) =
@@ -258,7 +262,7 @@ unsafe fn entry_adjoint<T: Lane>(
             let spin = symmetric(tensor, w, zero(simd));
             let b: [T; 9] = link.part(simd, B, k);
             let by_x = symmetric(tensor, wd, cross_add(w, spin, cross(moment, a)));
-            let by_u: Vector<T> = core::array::from_fn(|e| {
+            let by_u: Vector<T> = inlined::from_fn(|e| {
                 let turned = b[3 * e + 2].fma(moment[2], b[3 * e + 1].fma(moment[1], b[3 * e].mul(moment[0])));
                 mass.fma(a[e], turned)
             });
@@ -392,7 +396,7 @@ unsafe fn carry_to_parent<T: Lane>(
         }
         if joint.is_prismatic() {
             let (b, along): ([T; 9], _) = (parent.part(simd, B, k), joint.axis_in_parent());
-            by_q = dot(by_a, core::array::from_fn(|e| dot([b[3 * e], b[3 * e + 1], b[3 * e + 2]], along)));
+            by_q = dot(by_a, inlined::from_fn(|e| dot([b[3 * e], b[3 * e + 1], b[3 * e + 2]], along)));
         }
         accumulate(simd, to, k, by_w);
         accumulate(simd, to.add(3), k, by_wd);

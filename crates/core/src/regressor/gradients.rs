@@ -16,7 +16,7 @@ use crate::regressor::adjoint::{Weights, constant_axes, forward_sweep, reverse_s
 use crate::regressor::for_each_part;
 use crate::regressor::gram::NonzeroEntries;
 use crate::regressor::quadratic_forms::{QuadraticForm, quadratic_form_weights};
-use crate::regressor::rows::{Workspace, rows};
+use crate::regressor::rows::{Kept, Workspace, torques};
 use std::ops::Range;
 
 /// Gradients of the torques of the chosen columns' parameters `chi`: `out[(r * channels + c) * samples + k]` of row r
@@ -123,7 +123,7 @@ pub fn quadratic_form_gradients(
     expect_length("out", out.len(), mechanism.channels() * n)?;
     let entries = NonzeroEntries::new(mechanism, columns, factors);
     let weights = Weights::new(mechanism, |a, column| entries.run(a, column));
-    let places = [entries.entry_map(mechanism)];
+    let places = entries.entry_map(mechanism);
     let both: Vec<f64> = (0..p * p).map(|at| form[at] + form[at % p * p + at / p]).collect();
     let of_row = |row: usize| QuadraticForm::new(&both, &factors[row * p..][..p], &entries.nonzero[row]);
     let forms: Vec<QuadraticForm> = (0..na).map(of_row).collect();
@@ -137,13 +137,14 @@ pub fn quadratic_form_gradients(
                 let first = tile.add(entries.count() * BATCH);
                 first.write_bytes(0, BATCH);
                 let runs = EntryRuns { first: tile, apart: BATCH };
-                rows(mechanism, motion, samples.start, samples.len(), &places, runs, workspace);
+                let Workspace { channels: at, slots, adjoint, .. } = &mut *workspace;
+                at.advance_to(mechanism, motion, samples.start, samples.len());
+                let batch = Batch { mechanism, channels: at, samples: samples.len() };
+                torques(mechanism.backend, batch, Kept::All, &places, runs, slots);
                 for (row, form) in forms.iter().enumerate() {
                     let at = entries.row_runs(row).start * BATCH;
                     quadratic_form_weights(mechanism.backend, form, tile.add(at), first.add(at));
                 }
-                let Workspace { channels: at, slots, adjoint, .. } = &mut *workspace;
-                let batch = Batch { mechanism, channels: at, samples: samples.len() };
                 constant_axes(mechanism.backend, batch, slots);
                 reverse_sweep(batch, &weights, first, slots, adjoint);
                 adjoint.copy(mechanism, 0, shared, n, samples);

@@ -10,6 +10,7 @@ use crate::mechanism::layout::{EntryMap, check_columns};
 use crate::mechanism::motion::{Motion, PART};
 use crate::regressor::rows::{Workspace, rows};
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use crate::simd::token::Simd;
 use rayon::prelude::*;
@@ -209,7 +210,7 @@ unsafe fn multiply_panels<T: Lane, const P: usize>(
     // After the last column stands run 0, whose products are discarded.
     let panel = |i: usize| -> [*const f64; P] {
         // SAFETY: the runs of the row, and run 0, are inside the tile.
-        core::array::from_fn(|e| unsafe { tile.add(if i + e < m { (runs.start + i + e) * RUN } else { 0 }) })
+        inlined::from_fn(|e| unsafe { tile.add(if i + e < m { (runs.start + i + e) * RUN } else { 0 }) })
     };
     for i in (0..m).step_by(P) {
         for j in (0..=i).step_by(P) {
@@ -233,7 +234,7 @@ unsafe fn panel_products<T: Lane, const P: usize>(
     let mut k = 0;
     while k < samples {
         // SAFETY: the caller promises whole lanes up to `samples`.
-        let right: [T; P] = core::array::from_fn(|j| unsafe { simd.load(right[j].add(k)) });
+        let right: [T; P] = inlined::from_fn(|j| unsafe { simd.load(right[j].add(k)) });
         for (sums, left) in sums.iter_mut().zip(left) {
             // SAFETY: as above.
             let left = unsafe { simd.load(left.add(k)) };

@@ -15,7 +15,10 @@ use crate::mechanism::motion::{Motion, PART};
 use crate::memory::shared::SharedOutput;
 use crate::memory::stream;
 use crate::regressor::rows::{Workspace, rows};
-use crate::simd::lane::MAX_WIDTH;
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
+use core::mem::MaybeUninit;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -43,14 +46,52 @@ use std::ops::Range;
 /// # Ok::<(), haptid_core::Error>(())
 /// ```
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
+    let numbers = out.len();
+    write(mechanism, motion, columns, (SharedOutput::new(out), numbers), true)
+}
+
+/// As [`regressor`], into memory that need not be initialised: every number is written, and none is read.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion =
+/// #     Motion { samples: 1, position: &[0.], velocity: &[0.], acceleration: Some(&[1.]), external: &[], loops: &[] };
+/// let mut out = Vec::with_capacity(2);
+/// new_regressor(&pendulum, &motion, &[5, 6], &mut out.spare_capacity_mut()[..2])?;
+/// // SAFETY: both numbers have been written.
+/// unsafe { out.set_len(2) };
+/// assert_eq!(out, [1., 9.81]);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
+pub fn new_regressor(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    columns: &[usize],
+    out: &mut [MaybeUninit<f64>],
+) -> Result<(), Error> {
+    let numbers = out.len();
+    write(mechanism, motion, columns, (SharedOutput::new_uninitialised(out), numbers), false)
+}
+
+/// Write the regressor; `filled` tells that the output is initialised.
+fn write(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    columns: &[usize],
+    (shared, numbers): (SharedOutput, usize),
+    filled: bool,
+) -> Result<(), Error> {
     motion.check(mechanism)?;
     let layout = mechanism.column_layout(motion.sets(), columns)?;
     let n = motion.samples;
-    expect_length("out", out.len(), layout.entries * n)?;
+    expect_length("out", numbers, layout.entries * n)?;
     if columns.is_empty() {
         return Ok(());
     }
-    let shared = SharedOutput::new(out);
     if layout.entries * n <= CACHED {
         for_each_part(mechanism, n, |part, workspace| {
             let whole = part.len() - part.len() % MAX_WIDTH;
@@ -58,7 +99,10 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
             unsafe {
                 let runs = EntryRuns { first: shared.at(part.start), apart: n };
                 rows(mechanism, motion, part.start, whole, &layout.in_place, runs, workspace);
-                layout.zero.iter().for_each(|&entry| runs.at(entry).write_bytes(0, whole));
+                match filled {
+                    true => clear(mechanism.backend, &layout.zero, runs, whole),
+                    false => layout.zero.iter().for_each(|&entry| runs.at(entry).write_bytes(0, whole)),
+                }
                 tiled(mechanism, motion, &layout, part.start + whole..part.end, shared, workspace);
             }
         });
@@ -69,6 +113,32 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
         });
     }
     Ok(())
+}
+
+dispatched! {
+    /// Make `count` numbers of each of these runs zero. An output that an earlier call has filled has zeros there, and to
+    /// read them takes half the time of writing them.
+    ///
+    /// # Safety
+    ///
+    /// Every run has this many numbers, all initialised, and nobody else uses them meanwhile.
+    unsafe fn clear = clear_in_lanes(zero: &[usize], runs: EntryRuns, count: usize)
+}
+
+#[inline(always)]
+unsafe fn clear_in_lanes<T: Lane>(_: Simd<T>, zero: &[usize], runs: EntryRuns, count: usize) {
+    for &entry in zero {
+        // SAFETY: the caller's promise.
+        let run = unsafe { core::slice::from_raw_parts_mut(runs.at(entry), count) };
+        // Without a branch in the loop it takes one instruction for a lane; -0 and NaN have bits.
+        let mut bits = 0;
+        for x in run.iter() {
+            bits |= x.to_bits();
+        }
+        if bits != 0 {
+            run.fill(0.0);
+        }
+    }
 }
 
 /// A regressor of at most this many numbers stays in the caches and is written in place; a larger one is written

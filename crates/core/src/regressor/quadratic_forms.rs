@@ -2,6 +2,7 @@
 
 use crate::memory::slot::BATCH;
 use crate::simd::dispatch::dispatched;
+use crate::simd::inlined;
 use crate::simd::lane::Lane;
 use crate::simd::token::Simd;
 
@@ -74,15 +75,14 @@ unsafe fn weights_in_tiles<T: Lane, const WEIGHTS: usize, const LANES: usize>(
     let all = form.factors.len();
     for (first, own) in form.nonzero.chunks(WEIGHTS).enumerate() {
         // After the last column stands the first one of the tile, whose sums are discarded.
-        let rows: [&[f64]; WEIGHTS] =
-            core::array::from_fn(|e| &form.both[own.get(e).unwrap_or(&own[0]) * all..][..all]);
+        let rows: [&[f64]; WEIGHTS] = inlined::from_fn(|e| &form.both[own.get(e).unwrap_or(&own[0]) * all..][..all]);
         for k in (0..BATCH).step_by(LANES * T::WIDTH) {
             let mut sums = [[simd.splat(0.0); LANES]; WEIGHTS];
             for (c, &column) in form.nonzero.iter().enumerate() {
                 // SAFETY: run c and samples below BATCH are inside the entries that the caller promises.
                 let run = unsafe { entries.add(c * BATCH + k) };
                 // SAFETY: as above; BATCH is a multiple of LANES widths.
-                let y: [T; LANES] = core::array::from_fn(|lane| unsafe { simd.load(run.add(lane * T::WIDTH)) });
+                let y: [T; LANES] = inlined::from_fn(|lane| unsafe { simd.load(run.add(lane * T::WIDTH)) });
                 for (sums, row) in sums.iter_mut().zip(rows) {
                     // SAFETY: `new` has checked the columns.
                     let number = simd.splat(unsafe { *row.get_unchecked(column) });

@@ -79,7 +79,8 @@ impl Workspace {
     fn grow(&mut self, mechanism: &Mechanism) {
         self.channels.grow(mechanism);
         grow(&mut self.slots.links, mechanism.links.len(), [Slot::ZERO; LINK_NUMBERS]);
-        grow(&mut self.slots.axes, mechanism.axes, [Slot::ZERO; 6]);
+        let reused = mechanism.places * mechanism.coordinates;
+        grow(&mut self.slots.axes, mechanism.axes.max(reused), [Slot::ZERO; 6]);
         grow(&mut self.slots.axis_rates, mechanism.axes, [Slot::ZERO; 6]);
     }
 
@@ -116,7 +117,7 @@ pub(crate) unsafe fn rows(
         // caller promises the runs.
         unsafe {
             match sets {
-                [torque] => torques(mechanism.backend, batch, torque, out.from(done), slots),
+                [torque] => torques(mechanism.backend, batch, Kept::Needed, torque, out.from(done), slots),
                 [momentum, remainder] => {
                     momentum_rows(mechanism.backend, batch, momentum, remainder, out.from(done), slots)
                 }
@@ -126,32 +127,75 @@ pub(crate) unsafe fn rows(
     }
 }
 
+/// Which motions and axes stay in the slots.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Kept {
+    /// Those of all links, each in the slots of its number: a reverse sweep reads them.
+    All,
+    /// Those of links with children to come: fewer slots stay in the first cache, beside the entries that pass it.
+    Needed,
+}
+
+impl Kept {
+    /// Slots of a link's motion, and of its first axis.
+    #[inline(always)]
+    fn slots(self, mechanism: &Mechanism, i: usize) -> (usize, usize) {
+        let link = &mechanism.links[i];
+        match self {
+            Kept::All => (i, link.first),
+            Kept::Needed => (link.place, link.place * mechanism.coordinates),
+        }
+    }
+}
+
 dispatched! {
-    unsafe fn torques = torques_in_lanes(batch: Batch, places: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots)
+    /// Rows of the torques of a batch.
+    ///
+    /// # Safety
+    ///
+    /// As for [`rows`], and the batch is as described in [`crate::batch`].
+    pub(crate) unsafe fn torques = torques_in_lanes(
+        batch: Batch, kept: Kept, places: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots,
+    )
 }
 
 #[inline(always)]
 unsafe fn torques_in_lanes<T: Lane>(
     simd: Simd<T>,
     batch: Batch,
+    kept: Kept,
     places: &EntryMap,
     out: EntryRuns,
     slots: &mut KinematicSlots,
 ) {
+    let mechanism = batch.mechanism;
     for (i, link) in batch.mechanism.links.iter().enumerate() {
         // SAFETY: batch, slots and output runs are as in the head of the file; `own` is an axis of the mechanism.
         unsafe {
             let followed = batch.follow(simd, &link.joint_map, &mut slots.followed);
             store_transform(simd, batch, link, followed, &mut slots.joint);
-            for_shape!(link.shape, shape => propagate_motion(simd, batch, (shape, i), followed, slots));
-            let motions = LinkMotions(slots.links[i].as_mut_ptr());
-            for (own, axis) in (link.first..).zip(&link.axes) {
-                let (axes, joint) = (slots.axes.as_mut_ptr(), slots.joint.as_ptr());
-                let row = Row { link, axis, motions, joint, to: axes.add(own).cast(), sink: places.axis(own, out) };
-                match axis.above {
-                    None => own_rows(simd, batch, &row),
-                    Some(above) => inherited_rows(batch.mechanism.backend, batch, &row, axes.add(above).cast()),
-                }
+            let (own, first) = kept.slots(mechanism, i);
+            let above = link.parent.map(|parent| kept.slots(mechanism, parent));
+            let motions = LinkMotions(slots.links[own].as_mut_ptr());
+            let parent = above.map(|(parent, _)| LinkMotions(slots.links[parent].as_mut_ptr()));
+            for_shape!(link.shape, shape => {
+                propagate_motion(simd, batch, (shape, link), followed, &slots.joint, (parent, motions))
+            });
+            let axes = slots.axes.as_mut_ptr();
+            let rows = LinkRows {
+                link,
+                motions,
+                joint: slots.joint.as_ptr(),
+                to: axes.add(first),
+                from: above.map_or(axes, |(_, first)| axes.add(first)),
+                places,
+                out,
+            };
+            for (k, axis) in link.axes.iter().enumerate().filter(|(_, axis)| axis.above.is_none()) {
+                own_rows(simd, batch, &rows.row(k, axis));
+            }
+            if link.axes.iter().any(|axis| axis.above.is_some()) {
+                inherited_rows(mechanism.backend, batch, rows);
             }
         }
     }
@@ -159,10 +203,34 @@ unsafe fn torques_in_lanes<T: Lane>(
     unsafe { term_rows(simd, batch, false, places, out, &mut slots.followed) };
 }
 
+/// Rows of all coordinates on one link: the motion of the link, its axes and those on the parent, and the output of the
+/// entries.
+#[derive(Clone, Copy)]
+struct LinkRows<'a> {
+    link: &'a Link,
+    motions: LinkMotions,
+    joint: *const Slot,
+    to: *mut AxisSlots,
+    from: *const AxisSlots,
+    places: &'a EntryMap,
+    out: EntryRuns,
+}
+
+impl<'a> LinkRows<'a> {
+    /// That of axis `k` of the link.
+    #[inline(always)]
+    fn row(self, k: usize, axis: &Axis) -> Row<'a> {
+        let LinkRows { link, motions, joint, to, places, out, .. } = self;
+        let sink = places.axis(link.first + k, out);
+        Row { link, rate: axis.rate, motions, joint, to: to.wrapping_add(k).cast(), sink }
+    }
+}
+
 /// One coordinate on one link: its axis, and the output of its entries.
+#[derive(Clone, Copy)]
 struct Row<'a> {
     link: &'a Link,
-    axis: &'a Axis,
+    rate: Rate,
     motions: LinkMotions,
     joint: *const Slot,
     to: *mut Slot,
@@ -172,7 +240,7 @@ struct Row<'a> {
 /// Entries of a coordinate that moves this link's joint and none before it. The axis is stored only where it varies.
 #[inline(always)]
 unsafe fn own_rows<T: Lane>(simd: Simd<T>, batch: Batch, row: &Row) {
-    let (link, rate) = (row.link, row.axis.rate);
+    let (link, rate) = (row.link, row.rate);
     // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         if let Rate::Varying { .. } = rate {
@@ -187,54 +255,75 @@ unsafe fn own_rows<T: Lane>(simd: Simd<T>, batch: Batch, row: &Row) {
 }
 
 dispatched! {
-    /// Entries of a coordinate that moves the parent too.
+    /// Entries of the coordinates that move the parent too.
     ///
     /// # Safety
     ///
-    /// As for [`rows`]; `above` points to the slots of the axis on the parent, where it varies.
-    unsafe fn inherited_rows = inherited_rows_in_lanes(batch: Batch, row: &Row, above: *const Slot)
+    /// As for [`rows`].
+    unsafe fn inherited_rows = inherited_rows_in_lanes(batch: Batch, rows: LinkRows)
 }
 
 #[inline(always)]
-unsafe fn inherited_rows_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, row: &Row, above: *const Slot) {
-    let link = row.link;
-    // SAFETY: batch, slots and output runs are as in the head of the file.
+unsafe fn inherited_rows_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, rows: LinkRows) {
+    let link = rows.link;
+    // SAFETY: batch, slots and output runs are as in the head of the file; the numbers are those of the link's axes.
     unsafe {
-        if let Some(above) = constant_parent_axis(simd, batch.mechanism, row) {
-            let at_zero = JointTransform::at_zero(simd, link.shape, link);
-            if link.is_prismatic() {
-                return for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(simd, batch, row, |k| at_zero.load(row.joint, k).transform_axis(above))
+        // The axes on the parent that are the same at every sample come first, by themselves.
+        for (k, axis) in link.axes.iter().enumerate() {
+            if let Some((parent, rate)) = constant_parent_rate(batch.mechanism, link, axis) {
+                let above = JointTransform::at_zero(simd, parent.shape, parent).joint_axis(simd.splat(rate));
+                constant_axis_rows(simd, batch, rows.row(k, axis), above);
+            }
+        }
+        for_shape!(link.shape, shape => {
+            let at_zero = JointTransform::at_zero(simd, shape, link);
+            for (k, axis) in link.axes.iter().enumerate() {
+                let Some(above) = axis.above else { continue };
+                if constant_parent_rate(batch.mechanism, link, axis).is_some() {
+                    continue;
+                }
+                let number = above - batch.mechanism.links[link.parent.unwrap_or(0)].first;
+                let (row, above) = (rows.row(k, axis), rows.from.add(number).cast::<Slot>());
+                for_set!(row.sink, SET => {
+                    put_rows::<T, SET>(simd, batch, row, |k| {
+                        at_zero.load(row.joint, k).transform_axis(load_axis(simd, above, k))
+                    });
                 });
             }
-            // Transformed to the joint at position zero, the axis has only to rotate about z.
-            let above = at_zero.transform_axis(above);
-            let turn = JointTransform::at_zero(
-                simd,
-                JointShape { rotation: Rotation::Identity, joint_type: JointType::RevoluteInPlace },
-                link,
-            );
-            for_set!(row.sink, SET => put_rows::<T, SET>(simd, batch, row, |k| turn.load(row.joint, k).transform_axis(above)))
-        } else {
-            for_shape!(link.shape, shape => {
-                let at_zero = JointTransform::at_zero(simd, shape, link);
-                for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(simd, batch, row, |k| at_zero.load(row.joint, k).transform_axis(load_axis(simd, above, k)))
-                });
-            })
-        }
+        });
     }
 }
 
-/// The axis on the parent, in its frame, where it is the same at every sample: the parent's own joint axis.
+/// Entries of a coordinate whose axis on the parent, in the parent's frame, is the same at every sample.
 #[inline(always)]
-fn constant_parent_axis<T: Lane>(simd: Simd<T>, mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
-    let parent = &mechanism.links[row.link.parent?];
-    let axis = &parent.axes[row.axis.above? - parent.first];
-    match (axis.above, axis.rate) {
-        (None, Rate::Constant(rate)) => {
-            Some(JointTransform::at_zero(simd, parent.shape, parent).joint_axis(simd.splat(rate)))
+unsafe fn constant_axis_rows<T: Lane>(simd: Simd<T>, batch: Batch, row: Row, above: (Vector<T>, Vector<T>)) {
+    let link = row.link;
+    let at_zero = JointTransform::at_zero(simd, link.shape, link);
+    // SAFETY: batch, slots and output runs are as in the head of the file.
+    unsafe {
+        if link.is_prismatic() {
+            return for_set!(row.sink, SET => {
+                put_rows::<T, SET>(simd, batch, row, |k| at_zero.load(row.joint, k).transform_axis(above))
+            });
         }
+        // Transformed to the joint at position zero, the axis has only to rotate about z.
+        let above = at_zero.transform_axis(above);
+        let turn = JointTransform::at_zero(
+            simd,
+            JointShape { rotation: Rotation::Identity, joint_type: JointType::RevoluteInPlace },
+            link,
+        );
+        for_set!(row.sink, SET => put_rows::<T, SET>(simd, batch, row, |k| turn.load(row.joint, k).transform_axis(above)))
+    }
+}
+
+/// The parent and the rate of its joint, where the axis on the parent is the joint's own and the same at every sample.
+#[inline(always)]
+fn constant_parent_rate<'a>(mechanism: &'a Mechanism, link: &Link, axis: &Axis) -> Option<(&'a Link, f64)> {
+    let parent = &mechanism.links[link.parent?];
+    let above = &parent.axes[axis.above? - parent.first];
+    match (above.above, above.rate) {
+        (None, Rate::Constant(rate)) => Some((parent, rate)),
         _ => None,
     }
 }
@@ -244,16 +333,17 @@ fn constant_parent_axis<T: Lane>(simd: Simd<T>, mechanism: &Mechanism, row: &Row
 unsafe fn put_rows<T: Lane, const SET: u32>(
     simd: Simd<T>,
     batch: Batch,
-    row: &Row,
+    row: Row,
     carried: impl Fn(usize) -> (Vector<T>, Vector<T>),
 ) {
     let (sink, at_zero) = (row.sink.of::<SET>(), JointTransform::at_zero(simd, row.link.shape, row.link));
+    let moves = !row.rate.is_zero();
     for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in slots, channels and output runs.
         unsafe {
             let mut axis = carried(k);
-            if !row.axis.rate.is_zero() {
-                axis = at_zero.add_joint_rate(axis, batch.rate(simd, row.axis.rate, k));
+            if moves {
+                axis = at_zero.add_joint_rate(axis, batch.rate(simd, row.rate, k));
             }
             store_axis(row.to, k, axis);
             row.motions.contract(simd, axis, &sink, k);
@@ -266,19 +356,17 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
 pub(crate) unsafe fn propagate_motion<T: Lane>(
     simd: Simd<T>,
     batch: Batch,
-    (shape, i): (JointShape, usize),
+    (shape, link): (JointShape, &Link),
     followed: JointChannels,
-    slots: &mut KinematicSlots,
+    joint: &TransformSlots,
+    (parent, own): (Option<LinkMotions>, LinkMotions),
 ) {
-    let link = &batch.mechanism.links[i];
-    let (at_zero, stored) = (JointTransform::at_zero(simd, shape, link), slots.joint.as_ptr());
-    let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
-    let own = LinkMotions(slots.links[i].as_mut_ptr());
+    let at_zero = JointTransform::at_zero(simd, shape, link);
     for k in batch.lanes(simd) {
-        // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
+        // SAFETY: `lanes` leaves room for a lane; the slots of a parent are others than its child's.
         unsafe {
             let [_, v, acceleration] = followed.at(simd, k);
-            let joint = at_zero.load(stored, k);
+            let joint = at_zero.load(joint.as_ptr(), k);
             match parent {
                 Some(parent) => own.propagate(simd, parent, &joint, (v, acceleration), k),
                 None => own.begin_at_base(simd, batch.mechanism.gravity, &joint, (v, acceleration), k),

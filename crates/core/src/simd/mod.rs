@@ -3,6 +3,7 @@
 
 pub(crate) mod dispatch;
 pub(crate) mod elementary;
+pub(crate) mod inlined;
 pub(crate) mod lane;
 pub(crate) mod portable;
 pub(crate) mod real;

@@ -1,7 +1,8 @@
 //! The regressor: columns and samples are independent of the others that are requested.
 
 use crate::mechanisms::tree;
-use haptid_core::{Backend, Mechanism, Motion, regressor, structural_nonzeros};
+use haptid_core::{Backend, Mechanism, Motion, new_regressor, regressor, structural_nonzeros};
+use std::mem::MaybeUninit;
 use std::ops::Range;
 
 /// Columns of the regressor at some samples; sample k is the same in every motion.
@@ -21,6 +22,10 @@ fn columns(mechanism: &Mechanism, samples: Range<usize>, accelerations: bool, ch
     };
     let mut out = vec![f64::NAN; motion.sets() * 4 * chosen.len() * samples.len()];
     regressor(mechanism, &motion, chosen, &mut out).expect("shapes");
+    let mut new = vec![MaybeUninit::new(f64::NAN); out.len()];
+    new_regressor(mechanism, &motion, chosen, &mut new).expect("shapes");
+    // SAFETY: all have been initialised with NaN.
+    assert_eq!(out, new.iter().map(|x| unsafe { x.assume_init() }).collect::<Vec<f64>>());
     out
 }
 
