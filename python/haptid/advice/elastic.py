@@ -8,11 +8,12 @@ positions alone, as a study of it would be.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.advice.edits import Edit, elastic_edits
 from haptid.advice.sides import OtherAssumption
 from haptid.advice.trial import Gain

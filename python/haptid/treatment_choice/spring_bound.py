@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import brentq
 
 from haptid._internal.arrays import Array
+from haptid._internal.late import dataclass
 from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
