@@ -56,6 +56,24 @@ def test_triangles_are_those_of_the_filtered_rows(mechanism, shape, rows, block,
             np.testing.assert_allclose(R.T @ R, A.T @ A, rtol=0, atol=1e-12 * max((A**2).sum(), 1e-30))
 
 
+@pytest.mark.parametrize("backend", _core.backends())
+@pytest.mark.parametrize("rows", [5, 301, 1799])
+def test_missing_numbers_of_one_log_do_not_reach_the_next(backend, rows):
+    """Threads keep their buffers: those of a call are used again by the next."""
+    core = draw(5, joints=4, closed=False).core(backend)
+    motion, columns = np.random.default_rng(0).normal(size=(3, 4, rows)), list(range(core.columns))
+
+    def reduced(motion, rows):
+        none, ones = np.zeros((0, rows)), np.ones((4, rows))
+        return core.reduce(*motion, none, motion[0], columns, np.ones(1), 1, 0, rows, rows, ones)
+
+    before = reduced(motion, rows)
+    missing = np.full((3, 4, 1900), np.nan)
+    assert np.isnan(reduced(missing, 1900)[0][1]).any()
+    for (_, first), (_, again) in zip(before, reduced(motion, rows), strict=True):
+        np.testing.assert_array_equal(first, again)
+
+
 def test_the_result_does_not_depend_on_where_the_parts_were_cut():
     """Blocks reduced in one call are those reduced in two, bit for bit."""
     mechanism = draw(5, joints=4, closed=False)

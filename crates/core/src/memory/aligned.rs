@@ -19,6 +19,11 @@ impl Aligned {
         self.grow(numbers);
     }
 
+    /// Resize to this many numbers, rounded up to a whole line; the present ones are kept, and new ones are zero.
+    pub(crate) fn resize(&mut self, numbers: usize) {
+        self.0.resize(numbers.div_ceil(MAX_WIDTH), Line([0.0; MAX_WIDTH]));
+    }
+
     /// Extend to at least this many numbers; the present ones are kept.
     pub(crate) fn grow(&mut self, numbers: usize) {
         let lines = numbers.div_ceil(MAX_WIDTH);

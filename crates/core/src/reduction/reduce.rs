@@ -134,7 +134,7 @@ fn reduce_blocks(task: Task, mut blocks: Vec<&mut Block>) {
     let pieces: Vec<(usize, Range<usize>)> =
         blocks.iter().enumerate().flat_map(|(b, block)| tasks(block).into_iter().map(move |rows| (b, rows))).collect();
     let samples = task.reduction.decimation * pieces.iter().map(|(_, rows)| rows.len()).sum::<usize>();
-    let threads = if samples < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
+    let threads = threads(samples);
     // Several parts per thread balance the load; each part reads one window more than its own samples.
     let parts = if threads == 1 { 1 } else { (4 * threads).min(pieces.len().max(1)) };
     let run = |k: usize| {
@@ -151,15 +151,27 @@ fn reduce_blocks(task: Task, mut blocks: Vec<&mut Block>) {
         parts[*b].push(factors);
     }
     for (block, parts) in blocks.iter_mut().zip(parts) {
-        block.factors = (0..task.nonzero.len())
-            .map(|a| {
-                let own = parts.iter().map(|part| &part[a]);
-                match block.routes.get(a).and_then(Option::as_ref) {
-                    Some(preconditioner) => preconditioner.r_factor(&sum(own)),
-                    None => Some(merged(task, own, task.nonzero[a].len() + 1)),
-                }
-            })
-            .collect();
+        let routes = &block.routes;
+        block.factors = of_motors(threads, task.nonzero.len(), |a| {
+            let own = parts.iter().map(|part| &part[a]);
+            match routes.get(a).and_then(Option::as_ref) {
+                Some(preconditioner) => preconditioner.r_factor(&sum(own)),
+                None => Some(merged(task, own, task.nonzero[a].len() + 1)),
+            }
+        });
+    }
+}
+
+/// Threads that share the work on this many samples.
+fn threads(samples: usize) -> usize {
+    if samples < SINGLE_THREAD { 1 } else { rayon::current_num_threads() }
+}
+
+/// Do the work for each motor, shared by the threads: the factors of a long block would be a fifth of its time.
+fn of_motors<X: Send>(threads: usize, motors: usize, work: impl Fn(usize) -> X + Sync) -> Vec<X> {
+    match threads {
+        1 => (0..motors).map(work).collect(),
+        _ => (0..motors).into_par_iter().map(&work).collect(),
     }
 }
 
@@ -218,10 +230,11 @@ fn routes(task: Task, block: &Range<usize>) -> Result<Vec<Option<Preconditioner>
         loops: &loops,
     };
     let short = Reduction { torque: &torque, weights: &weights, first: 0, rows: few, block: few, ..*reduction };
-    let of_motor = |motor: RFactors| {
-        Preconditioner::new(&transpose(&motor.blocks[0], motor.columns.len() + 1), motor.columns.len() + 1)
-    };
-    Ok(reduce(mechanism, &some, &short)?.into_iter().map(of_motor).collect())
+    let found = reduce(mechanism, &some, &short)?;
+    Ok(of_motors(threads(block.len()), found.len(), |a| {
+        let size = found[a].columns.len() + 1;
+        Preconditioner::new(&transpose(&found[a].blocks[0], size), size)
+    }))
 }
 
 fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<FirFilter, Error> {

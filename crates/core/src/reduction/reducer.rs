@@ -57,6 +57,15 @@ struct RawRows {
     with_momentum: Vec<usize>,
 }
 
+/// Make room for this many numbers: zeros, unless they are all `written` before they are read. A filter reads past the
+/// last sample, and nobody writes the remainder of a rotor.
+fn room(buffer: &mut Aligned, numbers: usize, written: bool) {
+    match written {
+        true => buffer.resize(numbers),
+        false => buffer.clear(numbers),
+    }
+}
+
 impl RawRows {
     fn new(
         mechanism: &Mechanism,
@@ -85,7 +94,8 @@ impl RawRows {
             motors.push(motors[a] + nonzero.len() + 1);
         }
         let sets = (0..sets).map(|set| EntryMap::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
-        numbers.clear((entries + with_momentum.len()) * run);
+        let all = (entries + with_momentum.len()) * run;
+        room(&mut numbers, all, filter.is_identity() && with_momentum.is_empty());
         RawRows { numbers, run, from: 0, stored: 0, sets, motors, with_momentum }
     }
 
@@ -130,7 +140,8 @@ impl<'a> Reducer<'a> {
         let Task { mechanism, motion, reduction, filter, nonzero } = task;
         let (numbers, mut decimated) = (take(&mut workspace.raw), take(&mut workspace.decimated));
         let raw = RawRows::new(mechanism, motion.sets(), reduction.columns, nonzero, filter, numbers);
-        decimated.clear(raw.motors[raw.motors.len() - 1] * (FOLD + PAD));
+        let rows = raw.motors[raw.motors.len() - 1] * (FOLD + PAD);
+        room(&mut decimated, rows, filter.is_identity() && raw.with_momentum.is_empty());
         let grams = nonzero.iter().map(|_| LaneGram::default()).collect();
         Reducer { task, workspace, raw, decimated, panels: Vec::new(), grams }
     }
