@@ -12,7 +12,7 @@ from test_motor_side import two_joints
 import haptid
 from elastic_motors import DT
 from haptid.errors import IdentifiabilityError
-from haptid.estimation.methods.motor_noise import with_noise_uncertainty
+from haptid.estimation.methods.motor_noise import WHITENED, with_noise_uncertainty
 from haptid.simulation.driven_noise import gains
 from haptid.treatment_choice import whitening as module
 from haptid.treatment_choice.hidden_joints import complete_logs
@@ -32,6 +32,7 @@ def test_stiffness_that_noise_at_one_frequency_hides_is_found_from_the_others():
     _, found = complete_logs(model, [log], [True])
     assert found.method.whitening is not None
     found = with_noise_uncertainty(with_motor_delays(found))
+    assert WHITENED in found.notes
     for name, value, se in zip(found.names, found.beta, found.se, strict=True):
         if name in values:  # the others have regroupings
             assert abs(value - values[name]) < 3.5 * se, (name, value, se)

@@ -31,6 +31,11 @@ DELAY_KNOWN = (
     "Intervals take the torque's delay as known, since it is given: a tenth of a millisecond may move a viscous "
     "friction by a tenth. Leave torque_delay_s out, and it is estimated with the parameters."
 )
+# Where rows are whitened.
+WHITENED = (
+    "Noise of the encoders hides a stiffness where all frequencies count alike: rows are filtered by the inverse of "
+    "their noise's spectrum, so that each frequency counts by its own."
+)
 
 
 def with_noise_uncertainty(fitted: Estimate) -> Estimate:
@@ -54,8 +59,10 @@ def with_noise_uncertainty(fitted: Estimate) -> Estimate:
         shown = np.sqrt(np.maximum(0.0, 1.0 - fitted.se**2 / size) / len(shifts))
         fitted = fitted.with_nuisance("rounding of the encoders", shifts * shown)
     fitted = fitted.with_nuisance("noise of the encoders", correction)
-    known = () if isinstance(fitted.method, MotorSide) and fitted.method.delays else (DELAY_KNOWN,)
-    return replace(fitted, notes=(*fitted.notes, FEW_LOGS, *known))
+    method = fitted.method
+    known = () if isinstance(method, MotorSide) and method.delays else (DELAY_KNOWN,)
+    whitened = (WHITENED,) if isinstance(method, MotorSide) and method.whitening is not None else ()
+    return replace(fitted, notes=(*fitted.notes, *whitened, FEW_LOGS, *known))
 
 
 def shares_of_motor_noise(fitted: Estimate) -> Array:
