@@ -26,8 +26,8 @@ from haptid.inference.diagnosis.finding import joined_names
 from haptid.log.log import Log
 from haptid.motion.motion import Motion, treat
 from haptid.observation.observation import observe
-from haptid.treatment_choice.elasticity import parameters_of
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
+from haptid.treatment_choice.spring_bound import parameters_of
 from haptid.uncertainty.distributions import signed_rank_tail
 from haptid.validation.prediction import Prediction, predict
 from haptid.validation.validation import of_all_motors
