@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from haptid._internal.arrays import Array
 from haptid._internal.late import dataclass
+from haptid._internal.roots import bracketed_root
 from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
@@ -300,7 +300,7 @@ def _white(square: Array, known: Array) -> float:
     tiny = np.finfo(float).tiny
     if not most > tiny or surplus(tiny) <= 0:
         return 0.0
-    return float(brentq(surplus, 0.0, most, xtol=1e-6 * most)) if surplus(most) < 0 else most
+    return bracketed_root(surplus, 0.0, most, xtol=1e-6 * most) if surplus(most) < 0 else most
 
 
 def _least(sources: Sequence[_Source], names: Sequence[str], highest: float, finer: float = 1.0) -> Array:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from haptid._internal.arrays import Array
 from haptid._internal.late import dataclass
@@ -169,6 +168,8 @@ class MotorSide(SimulationBased):
         """Errors and columns of one motion behind the whitening filters."""
         if self.whitening is None:
             return part
+        from scipy.signal import fftconvolve  # slow to import, and few fits weigh frequencies
+
         every = np.concatenate([part.error[:, None], part.slope], axis=1)
         filters = zip(every, self.whitening, strict=True)
         made = np.array([fftconvolve(own, taps[None], "same", axes=1) for own, taps in filters])
