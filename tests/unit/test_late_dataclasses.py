@@ -94,6 +94,17 @@ class Compared:
     def __eq__(self, other):
         return True
 
+@lambda cls: (setattr(cls, "__repr__", lambda self: "shown"), setattr(cls, "__hash__", lambda self: 7), cls)[2]
+@dataclass(frozen=True)
+class Shown:
+    """A class of which another decorator replaces what this one writes."""
+
+    x: float = 1.0
+
+def without_text():
+    del Bare.__repr__
+    return repr(Bare(2.0)), Bare() == Bare()
+
 @dataclass
 class Free:
     """Not frozen."""
@@ -254,6 +265,10 @@ Named(name="a"), Named("a")
 Named(name="a") == Named(name="a")
 Own("3"), Own("3") == Own("3")
 Compared(1.0) == Compared(2.0), hash(Compared(1.0)) == hash((1.0,))
+Shown(), Shown() == Shown(), hash(Shown()), Shown.__dataclass_params__
+Shown() == Shown(), hash(Shown()), Shown()
+hash(Shown()), Shown(), Shown() == Shown(2.0)
+without_text()
 Free() == Free(2.0), Free()
 hash(Free())
 Ordered() < Ordered(2.0)

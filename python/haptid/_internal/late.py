@@ -87,7 +87,7 @@ class _Work:
         self.cls, self.body, self.names, self.settings = cls, body, names, settings
 
     def do(self) -> None:
-        """Write each name in place of its late one.
+        """Write each name in place of its late one; what others have put there since stays.
 
         The decorator works on a copy, for it looks at what a class has: without the late ones the class itself would
         be without methods while other threads use it. Two threads may both do the work; what either writes is right.
@@ -98,7 +98,7 @@ class _Work:
             if name not in ("__dict__", "__weakref__", "__abstractmethods__", "_abc_impl"):
                 setattr(copy, name, value)
         dataclasses.dataclass(**self.settings)(copy)
-        for name in self.names:
+        for name in [name for name in self.names if isinstance(vars(self.cls).get(name), _Late)]:
             value = vars(copy)[name]
             for function in (value, getattr(value, "__annotate__", None)):
                 for cell in getattr(function, "__closure__", None) or ():
