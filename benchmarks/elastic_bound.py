@@ -20,7 +20,7 @@ from haptid.estimation.methods.simulation_based import base_columns
 from haptid.log.lattice import rounding_density
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints, unloaded_joints
-from haptid.simulation.information import information
+from haptid.simulation.information import fisher_information
 from haptid.simulation.small_motion import SmallMotion
 from haptid.treatment_choice.hidden_joints import lacks_links
 
@@ -54,7 +54,7 @@ def bounds(name: str, seed: int) -> dict[str, float]:
         steps[seen] = step
         noise = rounding_density(np.asarray(motion.q[:]), steps, dt)
         for band, highest in (("all", HIGHEST_HZ), ("filtered", 1.5 * plant.highest)):
-            matrix, _ = information(linear, J, dt, noise, torque, highest)
+            matrix, _ = fisher_information(linear, J, dt, noise, torque, highest)
             for what, size in (("delay known", len(beta)), ("delay found", len(matrix))):
                 se = np.sqrt(np.diag(np.linalg.inv(matrix[:size, :size])))
                 for k, parameter in enumerate(model.base.names):

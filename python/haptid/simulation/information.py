@@ -28,7 +28,7 @@ def spectrum_of(signals: Array, dt: float, highest: float) -> tuple[np.ndarray, 
     return f[used], np.fft.rfft(signals * np.sqrt(window / window.mean()), axis=-1)[..., used]
 
 
-def noise_of_rows(linear: SmallMotion, f: Array, noise: tuple[Array, Array]) -> np.ndarray:
+def residual_noise(linear: SmallMotion, f: Array, noise: tuple[Array, Array]) -> np.ndarray:
     """Density of the rows' residual by the encoders' noise, (k, rows, rows), (N m)^2/Hz.
 
     Args:
@@ -44,7 +44,7 @@ def noise_of_rows(linear: SmallMotion, f: Array, noise: tuple[Array, Array]) -> 
     return np.concatenate(made)
 
 
-def information(
+def fisher_information(
     linear: SmallMotion,
     J: Array,
     dt: float,
@@ -70,7 +70,7 @@ def information(
     f, found = spectrum_of(J, dt, highest)
     groups = np.array_split(np.arange(len(f)), min(_FREQUENCIES, len(f)))
     middle = np.array([f[group].mean() for group in groups])
-    inverses = np.linalg.inv(noise_of_rows(linear, middle, noise) + torque)
+    inverses = np.linalg.inv(residual_noise(linear, middle, noise) + torque)
     made, p = np.zeros((J.shape[1], J.shape[1])), linear.by_beta.shape[2]
     false = np.zeros((p, p))
     for group, inverse in zip(groups, inverses, strict=True):

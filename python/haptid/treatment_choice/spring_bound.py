@@ -24,7 +24,7 @@ from haptid.observation.observation import Observation
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenCourse
 from haptid.simulation.driven_noise import encoder_density
-from haptid.simulation.information import information, noise_of_rows, spectrum_of
+from haptid.simulation.information import fisher_information, residual_noise, spectrum_of
 from haptid.simulation.loop import behind_position_filter
 from haptid.simulation.small_motion import SmallMotion
 from haptid.treatment_choice.delay_estimate import delay_prior
@@ -153,7 +153,7 @@ def residual_density(model: DynamicModel, beta: Array, motion: Motion, delays: b
     """
     highest = (motion.treatment.parallel(float(motion.dt)) or 0.5 / float(motion.dt)) / _BAND
     source = _Source.of(model, beta, motion, highest, False, delays)
-    noise = np.diagonal(noise_of_rows(source.rows.linear, f, source.noise), axis1=1, axis2=2).real.T
+    noise = np.diagonal(residual_noise(source.rows.linear, f, source.noise), axis1=1, axis2=2).real.T
     return np.asarray(1.0 + noise / np.diag(source.torque)[:, None])
 
 
@@ -245,7 +245,7 @@ class _Source:
             rows = _Rows.of_motors(model, beta, motion, delays)
         dt, noise, device = float(motion.dt), encoder_density(motion), model.device
         f, E = spectrum_of(rows.error, dt, _BAND * highest)
-        S, square = noise_of_rows(rows.linear, f, noise), 2 * dt / rows.error.shape[1] * np.abs(E) ** 2
+        S, square = residual_noise(rows.linear, f, noise), 2 * dt / rows.error.shape[1] * np.abs(E) ** 2
         motors = [device.row_names.index(drive.name) for drive in device.drives if drive.motorised]
         own = [list(rows.linear.rows).index(k) for k in motors]
         measured = coordinate_torque(device, motion, 0, len(motion))[motors]
@@ -278,7 +278,7 @@ class _Source:
         seen = self.noise if finer == 1.0 else encoder_density(self.motion, finer)
         inside = (self.noise[0] * times, self.noise[1] / times)
         linear, J = self.rows.linear, self.rows.J
-        G, N = information(linear, J, float(self.motion.dt), seen, self.torque, highest, inside)
+        G, N = fisher_information(linear, J, float(self.motion.dt), seen, self.torque, highest, inside)
         known = np.linalg.inv(delay_prior(len(G) - p, dt))
         late = times * G[p:, :p]
         # Delays of each log are its own.
