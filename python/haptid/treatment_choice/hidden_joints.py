@@ -409,6 +409,7 @@ def _without_solution(
     """The error of logs from which the estimation of stiffness does not converge."""
     tried = ", ".join(f"{f:.3g}" for f in frequencies)
     why = str(error).removesuffix(error.advice).strip()
+    why = f"{why[:1].upper()}{why[1:]}"
     return IdentifiabilityError(
         f"{logs[0].path.name}: no stiffness is found from the motors' positions alone, with motion up to {highest:.3g} "
         f"Hz. Frequencies of the links on their springs came out as {tried} Hz. {why}",
