@@ -315,6 +315,22 @@ def test_the_torque_of_other_motion_is_that_of_the_rows_of_the_fit():
     np.testing.assert_array_equal(some, every.reshape(len(kept), states, -1)[kept].reshape(len(some), -1))
 
 
+def test_segments_that_are_all_near_a_reversal_are_simulated_in_small_steps():
+    model, log = axis(terms=[*TERMS, {"kind": "coulomb", "joints": "all"}]), recorded(seconds=1.4)
+    motion = treated(log)
+    truth = {**TRUTH, "FC1": 1.0}
+    beta = np.array([truth[name] for name in model.base.names])
+    smoothed, base = smooth(model, [motion], 1e-5), base_columns(model)
+    alone = DrivenJoints(smoothed, motion, len(motion), base).course(beta)
+    assert np.isfinite(alone.torque).all()
+    with pytest.raises(SimulationError, match="dry friction"):
+        DrivenJoints(smoothed, motion, len(motion), base, most_parts=3).course(beta)
+    frictionless = DrivenJoints(smoothed, motion, len(motion), base).course(
+        np.where(np.array(model.base.names) == "FC1", 0.0, beta)
+    )
+    assert np.abs(alone.torque - frictionless.torque).max() > 0.1
+
+
 def of_the_motor(log: haptid.Log) -> haptid.Log:
     """The log without the link's position."""
     position = replace(log.channels.position, channels=("theta",), gain=(), offset=())

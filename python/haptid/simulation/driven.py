@@ -28,6 +28,8 @@ from haptid.motion.motion import Motion
 from haptid.simulation.closed_loop import FASTEST, STABLE
 from haptid.simulation.variational import inverses, states_first, transitions
 
+# Smaller steps in one of the simulation, at most: friction that needs more is that of parameters that ran away.
+MOST_PARTS = 1000
 # States that are linearised together.
 _CHUNK = 1024
 # Random states at which a parameter that moves the links has torque on them.
@@ -95,6 +97,7 @@ class DrivenJoints:
         length: steps of a segment; each begins where the one before ends.
         base: maps base parameters to the core's columns, (r, p).
         every: samples of the motion in a step of the simulation; samples below are those at which steps begin.
+        most_parts: smaller steps in one of the simulation, at most, where dry friction is stiff.
         meets: whether the segments of the last course did, so far that what is left matters less than its error.
     """
 
@@ -103,6 +106,7 @@ class DrivenJoints:
     length: int
     base: Array
     every: int = 1
+    most_parts: int = MOST_PARTS
     meets: bool = field(default=False, init=False)
     _begin: Array | None = field(default=None, init=False)
     _by_beta: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
@@ -279,6 +283,8 @@ class DrivenJoints:
                 continue
             after = np.empty((2, *x.shape))
             for mask, count in ((slow, parts), (~slow, 1)):
+                if not mask.any():  # all segments are near a reversal
+                    continue
                 now = x[:, mask], v[:, mask], a[:, mask]
                 after[:, :, mask] = self._step(forward, sample[mask], now, count)
             x, v = after
@@ -313,7 +319,17 @@ class DrivenJoints:
         c, cd, cdd = self._coordinates(known, x, still, still)
         M, damping = self._projected(forward.mass(c)), self._projected(forward.gradients(c, cd, cdd)[1])
         rate = float(np.abs(np.linalg.eigvals(np.linalg.solve(M, damping))).max(initial=0.0))
-        return max(1, int(np.ceil(self.step * rate / STABLE)))
+        parts = max(1.0, np.ceil(self.step * rate / STABLE))
+        if not parts <= self.most_parts:
+            raise SimulationError(
+                f"dry friction of the joints behind springs needs {parts:.3g} smaller steps in one of "
+                f"{1e3 * self.step:.3g} ms (limit {self.most_parts}).",
+                where="dry friction",
+                found=parts,
+                limit=self.most_parts,
+                advice="Put dry friction on the motors, where the rotors carry it.",
+            )
+        return int(parts)
 
     def _diverged(self, sample: np.ndarray, v: Array) -> SimulationError:
         time = self.motion.t0 + self.step * int(sample[int(np.abs(v).max(axis=0).argmax())])

@@ -31,6 +31,7 @@ from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
+from haptid.simulation.driven import MOST_PARTS
 from haptid.treatment_choice.delay_estimate import usual_delay
 from haptid.treatment_choice.elasticity import (
     expect_stiffness_of_motors,
@@ -53,6 +54,8 @@ _FILTERS, _NOISE = (1.0, 2 / 3, 1 / 2, 1 / 3), 0.1
 _SECONDS = 10.0
 # Highest frequency of a link that is simulated from sample to sample, over the sampling rate.
 _SAMPLED = 0.2
+# Smaller steps for stiff dry friction of the links, at most, in a trial of springs: it may not take minutes.
+_TRIED_PARTS = 50
 # Passes of delays and parameters, at most.
 _DELAYS = 8
 # End of the names of the channels that are added.
@@ -121,7 +124,8 @@ def complete_logs(
         with np.errstate(over="ignore", invalid="ignore"):
             motion = treat(_followed(model, part), filters[0])
             known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
-            begun = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
+            parts = MOST_PARTS if np.isinf(most_left) else _TRIED_PARTS
+            begun = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known, parts)
             frequencies = begun.frequencies
             _expect_springs(begun, rigid_fit, most_left)
             start = begun

@@ -20,7 +20,7 @@ from haptid.estimation import Estimate
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.motion.motion import Motion
 from haptid.simulation import smooth
-from haptid.simulation.driven import DrivenJoints, SegmentCourses
+from haptid.simulation.driven import MOST_PARTS, DrivenJoints, SegmentCourses
 
 # Frequencies of the links on their springs that a fit begins with, over the motion's bandwidth; the first two that end
 # at one misfit are enough.
@@ -91,6 +91,7 @@ def spring_start(
     bandwidth: float,
     friction: float,
     measured: Array | None = None,
+    most_parts: int = MOST_PARTS,
 ) -> SpringStart:
     """Parameters of an elastic model to begin with.
 
@@ -102,6 +103,7 @@ def spring_start(
         friction: dry friction is smoothed within this share of a joint's root mean square speed.
         measured: frequencies of the links on their springs by a frequency response, (elastic motors,), Hz: they are
             tried first, and are enough where the fit stays near them.
+        most_parts: smaller steps in one of the simulation, at most, where dry friction is stiff.
 
     Raises:
         SimulationError: the links cannot be simulated from any of the frequencies.
@@ -109,7 +111,7 @@ def spring_start(
     every = max(1, int(1 / (_PER_PERIOD * bandwidth * motion.dt)))
     length = max(_LEAST, round(_PERIODS / bandwidth / (every * motion.dt)))
     length = min(length, -(-len(motion) // every))
-    joints = DrivenJoints(smooth(model, [motion], friction), motion, length, base_columns(model), every)
+    joints = DrivenJoints(smooth(model, [motion], friction), motion, length, base_columns(model), every, most_parts)
     best: _Fit | None = None
     failed: SimulationError | None = None
     starts = [np.full(len(model.device.elastic), times * bandwidth) for times in _TRIED]
