@@ -13,6 +13,7 @@ from pyarrow import parquet
 from elastic_motors import DT, IA, J, K, recorded
 from haptid.advice import Advice, advise, apply_advice
 from haptid.advice.columns import ELASTIC, GIVES_WAY
+from haptid.advice.elastic import stiffnesses
 from haptid.study import read_study
 from haptid.study.identify import Identification, identify
 
@@ -119,3 +120,8 @@ def test_slope_by_a_compliance_is_the_torque_of_a_load_behind(tmp_path: Path) ->
     assert compliance_slope(found.model, 0)(context)[0][inner] == pytest.approx(
         -(J**2) * jerk[inner], rel=1e-6, abs=1e-9
     )
+
+
+def test_stiffnesses_have_the_units_of_their_motors() -> None:
+    assert stiffnesses([601.2, 12_340.0], "rad") == "600 and 12000 N m/rad"
+    assert stiffnesses([601.2], "m") == "600 N/m"

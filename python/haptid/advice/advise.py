@@ -99,8 +99,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         left = min([left, *(one.after / one.before for one in whole_changes)])
     if (one := _elastic(found, part, chosen, left, before)) is not None:
         whole_changes.append(one)
-    elif chosen and chosen[0] in (springs := _springs(chosen)):
-        whole_changes += [_action(search, base, one, True, (), _rivals(base, one, made)) for one in springs[:1]]
+    elif _springs(chosen[:1]):
+        whole_changes.append(_action(search, base, chosen[0], True, (), _rivals(base, chosen[0], made)))
     if whole_changes:  # nothing else can be judged with the one that leaves least
         least = min(whole_changes, key=lambda one: one.after)
         check = tuple(_other_robot(least.after, (0.0, 0.0)))
@@ -288,8 +288,9 @@ def _elastic(
     one = other_elasticity(found.model, part.observation.motions, tried, delays, MOST_LEFT * left * before)
     if one is None:
         return None
+    told = stiffnesses(one.stiffness, _travel_unit(found.model))
     where, many = joined_names(one.places, most=8), "springs" if len(one.places) > 1 else "a spring"
-    change = f"{CHANGES[ELASTIC].format(where=where)}, with {many} of about {stiffnesses(one.stiffness)}"
+    change = f"{CHANGES[ELASTIC].format(where=where)}, with {many} of about {told}"
     return _of_whole_log(ELASTIC, one.places, change, one)
 
 
@@ -403,7 +404,7 @@ def _size(one: Proven, unit: str) -> str:
         case "spring":
             return f" (without torque at {', '.join(format(s['rest'], '.3g') for s in one.settings)} {unit})"
         case kind if kind == ELASTIC:
-            return f" of at most about {stiffnesses([1 / x for x in theta])}, to first order"
+            return f" of at most about {stiffnesses([1 / x for x in theta], unit)}, to first order"
         case "ripple":
             return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} {unit})"
         case "payload":

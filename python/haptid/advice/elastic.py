@@ -28,7 +28,6 @@ from haptid.motion.motion import Motion, treat
 from haptid.observation.observation import observe
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 from haptid.treatment_choice.spring_bound import parameters_of
-from haptid.uncertainty.distributions import signed_rank_tail
 from haptid.validation.prediction import Prediction, predict
 from haptid.validation.validation import of_all_motors
 
@@ -148,19 +147,20 @@ def _compared(here: Prediction, there: Prediction) -> tuple[Gain, float, float, 
         parts.append(np.bincount(block, squares).astype(np.float64))
     kept = np.bincount(block, used.any(axis=0)) > 0
     first, second = (part[kept] for part in parts)
-    total, blocks = float(first.sum()), int(kept.sum())
-    if blocks < 2 or total <= 0:
+    if len(first) < 2 or not first.any():
         return None
-    difference = first - second
-    se = float(np.sqrt(blocks) * difference.std(ddof=1))
-    made = Gain(float(difference.sum()) / total, se / total, blocks - 1, signed_rank_tail(difference))
-    errors = [100 * float(np.sqrt(part.sum())) for part in (first, second)]
-    return made, errors[0], errors[1], 1e4 * se / max(sum(errors), 1e-300), blocks
+    made = Gain.of(first, second)
+    before, after = (100 * float(np.sqrt(part.sum())) for part in (first, second))
+    # By the delta method: the squares differ by share of `before`, the errors by that over their sum.
+    return made, before, after, made.se * before**2 / (before + after), len(first)
 
 
-def stiffnesses(values: Sequence[float]) -> str:
-    """Stiffnesses in words."""
-    return f"{joined_names([_rounded(x) for x in values], most=8)} N m/rad"
+def stiffnesses(values: Sequence[float], travel: str) -> str:
+    """Stiffnesses in words, of motors whose positions are in rad, in m, or "rad or m"."""
+    units = {"rad": "N m/rad", "m": "N/m"}
+    return (
+        f"{joined_names([_rounded(x) for x in values], most=8)} {' or '.join(units[x] for x in travel.split(' or '))}"
+    )
 
 
 def _rounded(x: float) -> str:

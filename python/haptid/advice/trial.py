@@ -128,15 +128,19 @@ class Gain:
         mean = float(t_tail(self.share / self.se, self.dof)) if self.se > 0 else float(self.share <= 0)
         return min(1.0, 2 * min(mean, self.ranks))
 
+    @staticmethod
+    def of(before: Array, after: Array) -> Gain:
+        """By the squared errors of unseen blocks, (blocks,) each."""
+        difference, total, blocks = before - after, float(before.sum()), len(before)
+        if total <= 0:
+            return Gain(0.0, 0.0, 1)
+        se = float(np.sqrt(blocks) * difference.std(ddof=1)) if blocks > 1 else np.inf
+        return Gain(float(difference.sum()) / total, se / total, max(blocks - 1, 1), signed_rank_tail(difference))
+
 
 def gain(before: Trial, after: Trial) -> Gain:
     """The gain of one trial over another on the same blocks."""
-    difference = (before.errors - after.errors).sum(axis=1)
-    total, blocks = before.total, len(difference)
-    if total <= 0:
-        return Gain(0.0, 0.0, 1)
-    se = float(np.sqrt(blocks) * difference.std(ddof=1)) if blocks > 1 else np.inf
-    return Gain(float(difference.sum()) / total, se / total, max(blocks - 1, 1), signed_rank_tail(difference))
+    return Gain.of(before.errors.sum(axis=1), after.errors.sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
