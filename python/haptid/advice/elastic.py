@@ -33,9 +33,6 @@ from haptid.validation.validation import of_all_motors
 
 # Length of each half, s, at most: an error that no rigid body explains is large, and shows soon.
 _SECONDS = 15.0
-# Share of the squared error that initial values of the springs leave at most: else the fit, which takes longer, is not
-# made.
-_MOST_LEFT = 0.5
 # Length of the blocks by which two errors are paired, s.
 _BLOCK_S = 1.0
 
@@ -100,7 +97,7 @@ def _tried(
         elastic = _with_terms(model, edits)
         if not lacks_links(elastic, log):
             return None
-        (_, unseen), found = complete_logs(elastic, halves, [True, False], most_left=_MOST_LEFT)
+        (_, unseen), found = complete_logs(elastic, halves, [True, False], trial=True)
         treatment = found.observation.motions[0].treatment
         there = predict(found, treat(unseen, treatment))
         treatment = replace(treatment, torque_delay_s=delays)

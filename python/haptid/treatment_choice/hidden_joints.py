@@ -54,8 +54,9 @@ _FILTERS, _NOISE = (1.0, 2 / 3, 1 / 2, 1 / 3), 0.1
 _SECONDS = 10.0
 # Highest frequency of a link that is simulated from sample to sample, over the sampling rate.
 _SAMPLED = 0.2
-# Smaller steps for stiff dry friction of the links, at most, in a trial of springs: it may not take minutes.
-_TRIED_PARTS = 50
+# In a trial of springs, at most: smaller steps for stiff dry friction of the links, so that it does not take minutes,
+# and what initial values leave of the squared error of rigid motors.
+_TRIED_PARTS, _TRIED_LEFT = 50, 0.5
 # Passes of delays and parameters, at most.
 _DELAYS = 8
 # End of the names of the channels that are added.
@@ -74,7 +75,7 @@ def complete_logs(
     logs: Sequence[Log],
     fitting: Sequence[bool],
     measured: Mapping[str, float] | None = None,
-    most_left: float = np.inf,
+    trial: bool = False,
     **given: Any,
 ) -> tuple[list[Log], Estimate]:
     """The logs with positions of the joints that springs alone move, and the estimate that they are simulated with.
@@ -85,7 +86,7 @@ def complete_logs(
         fitting: which of them the parameters are estimated from.
         measured: frequency of the link on the spring of each elastic motor by its frequency response, Hz, to begin
             with; None where there is none.
-        most_left: share of the error of rigid motors that initial values of the springs leave at most, of squares.
+        trial: whether springs are only supposed: refused soon where they explain little, and without a bound.
         given: settings of `Treatment` that are fixed.
 
     Raises:
@@ -124,10 +125,11 @@ def complete_logs(
         with np.errstate(over="ignore", invalid="ignore"):
             motion = treat(_followed(model, part), filters[0])
             known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
-            parts = MOST_PARTS if np.isinf(most_left) else _TRIED_PARTS
+            parts = _TRIED_PARTS if trial else MOST_PARTS
             begun = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known, parts)
             frequencies = begun.frequencies
-            _expect_springs(begun, rigid_fit, most_left)
+            if trial:
+                _expect_springs(begun, rigid_fit)
             start = begun
             _expect_between_samples(part, frequencies)
             found = _with_little_noise(model, followed, filters, start, delays)
@@ -141,7 +143,7 @@ def complete_logs(
                 made = hidden_stiffness(model, error, proposal.bandwidth_hz)
             else:
                 made = _without_solution(chosen, frequencies, proposal.bandwidth_hz, error)
-            if start is None or made is error or np.isfinite(most_left):  # a trial of springs needs no bound
+            if start is None or made is error or trial:
                 raise made from None
             # No estimate is at hand: the bound is that at the initial values.
             rows = _rows(model, followed, filters[-1])
@@ -351,16 +353,16 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
     return replace(log, position=made)
 
 
-def _expect_springs(start: SpringStart, rigid: Estimate, most_left: float) -> None:
-    """Raise IdentifiabilityError where springs leave more than a share of what rigid motors leave, of squares."""
+def _expect_springs(start: SpringStart, rigid: Estimate) -> None:
+    """Raise IdentifiabilityError where initial values of springs leave much of what rigid motors leave."""
     motors = rigid.observation.motors
     left = sum(m.residual(rigid.beta) ** 2 / max(m.size(rigid.beta), 1e-300) ** 2 for m in motors) / len(motors)
-    if start.misfit > most_left * left:
+    if start.misfit > _TRIED_LEFT * left:
         raise IdentifiabilityError(
-            f"springs leave {start.misfit / left:.2g} of what rigid motors leave of the torque (limit {most_left:g}).",
+            f"springs leave {start.misfit / left:.2g} of the squared error of rigid motors (limit {_TRIED_LEFT:g}).",
             where="springs",
             found=start.misfit / left,
-            limit=most_left,
+            limit=_TRIED_LEFT,
             advice="The error has another cause.",
         )
 
